@@ -53,13 +53,14 @@ from dohyo.service.web.proxies import TrustedProxies
 from dohyo.service.webhooks import routes as webhooks
 from dohyo.service.webhooks.delivery import Deliverer
 from dohyo.service.workers import routes as workers
+from dohyo.service.worlds import routes as worlds
 
 ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
         *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
-        *(webhooks, workers, signing, service_metrics),
+        *(webhooks, workers, worlds, signing, service_metrics),
     )
 )
 
@@ -145,5 +146,6 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         stack.push_async_callback(services.drain)
         await services.jobs.start(services, KINDS)
         await services.scheduler.start()
+        await services.worlds.start()
         logger.info("ready")
         yield

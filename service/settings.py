@@ -77,6 +77,9 @@ class Settings(BaseSettings):
         cors_origins: Origins of browsers that may call the API.
         process_deaths: Deaths of an episode's process after which the episode is lost. Its evaluation fails with the
             reason after its other episodes, and `resume` drives the lost ones once more.
+        worlds: Most live worlds; each has a process on this machine.
+        worlds_per_owner: Most live worlds of one owner.
+        world_idle_s: Time without any request after which a world ends, s.
         lease_ttl_s: Silence after which a worker loses its lease, s.
         act_deadline_s: Wall-clock limit of one decision while the simulation waits, s.
         webhook_private_addresses: Whether webhooks may call this machine and its private network.
@@ -119,6 +122,9 @@ class Settings(BaseSettings):
     public: bool = True
     process_deaths: Annotated[int, Field(ge=1)] = 10
     cors_origins: Words = ()
+    worlds: Annotated[int, Field(ge=0, le=1024)] = 8
+    worlds_per_owner: Annotated[int, Field(ge=1)] = 2
+    world_idle_s: Annotated[float, Field(gt=0)] = 600.0
     lease_ttl_s: Annotated[float, Field(gt=0)] = 30.0
     act_deadline_s: Annotated[float, Field(gt=0)] = 10.0
     webhook_private_addresses: bool = False

@@ -18,6 +18,7 @@ from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.settings import Settings
 from dohyo.service.signing.keys import SigningKeys
 from dohyo.service.web.heavy import HeavyWork
+from dohyo.service.worlds.book import WorldBook
 
 if TYPE_CHECKING:
     from dohyo.service.scheduling.scheduler import Scheduler
@@ -153,6 +154,7 @@ class Services:
         jobs: Runner of jobs.
         reads: Threads of heavy reads.
         signing: Keys that sign records.
+        worlds: Live worlds.
         streams: Number of open event streams by caller.
     """
 
@@ -169,12 +171,14 @@ class Services:
     reads: HeavyWork = field(init=False)
     orders: HeavyWork = field(init=False)
     signing: SigningKeys = field(init=False)
+    worlds: WorldBook = field(init=False)
 
     def __post_init__(self) -> None:
         self.events.watch(self.metrics.note_event)
         seconds = self.settings.read_seconds_per_minute
         self.reads, self.orders = HeavyWork("reads", seconds), HeavyWork("orders", seconds)
         self.jobs = JobRunner(self.settings, self.database, self.events)
+        self.worlds = WorldBook(self.settings, self.database)
         self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)
 
     async def drain(self) -> None:
@@ -182,7 +186,7 @@ class Services:
         if not self.draining:
             self.draining = True
             await self.jobs.stop()
-            await self.scheduler.stop()
+            await asyncio.gather(self.scheduler.stop(), self.worlds.stop())
             self.events.close()
 
 

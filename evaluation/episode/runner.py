@@ -49,6 +49,7 @@ def drive_episode(
     act_deadline_s: float = ACT_DEADLINE_S,
     watch: Callable[[float], None] = lambda seconds: None,
     show: Show | None = None,
+    env: DrivingEnv | None = None,
 ) -> tuple[EpisodeRecord, Trajectory]:
     """Drives one scenario to the end of every ego's episode.
 
@@ -64,6 +65,7 @@ def drive_episode(
         watch: Function called with the deadline in seconds before every call of an agent, and with 0 after it.
         show: Function called in every tick before any agent acts, for agents that decide together in another process.
             Its errors are not failures of the agents.
+        env: Environment to drive in, which is closed at the end; None: one with the sensors and controls of the agents.
 
     Raises:
         InvalidInputError: The scenario cannot be driven at all, or a mission has no agent.
@@ -71,12 +73,7 @@ def drive_episode(
     missing = {mission.name for mission in scenario.missions} - set(agents)
     if missing:
         raise InvalidInputError(f"scenario '{scenario.name}' has no agent for {sorted(missing)}")
-    env = DrivingEnv(
-        scenario,
-        sensors={name: agent.spec.sensors for name, agent in agents.items()},
-        control={name: agent.spec.control for name, agent in agents.items()},
-        reward=None,
-    )
+    env = env or agents_env(scenario, agents)
     guarded = {name: GuardedAgent(agent, act_deadline_s, watch) for name, agent in agents.items()}
     episode = _Episode(env, scenario, guarded, show)
     try:
@@ -84,6 +81,20 @@ def drive_episode(
     finally:
         env.close()
     return episode.record(infos, benchmark)
+
+
+def agents_env(scenario: Scenario, agents: Mapping[str, Agent]) -> DrivingEnv:
+    """Environment with the sensors and controls of agents.
+
+    Raises:
+        InvalidInputError: The scenario cannot be driven.
+    """
+    return DrivingEnv(
+        scenario,
+        sensors={name: agent.spec.sensors for name, agent in agents.items()},
+        control={name: agent.spec.control for name, agent in agents.items()},
+        reward=None,
+    )
 
 
 @dataclass(slots=True)

@@ -12,6 +12,19 @@ from dohyo.service.jobs import model as jobs
 from dohyo.service.networks import model as networks
 from dohyo.service.submissions import model as submissions
 from dohyo.service.webhooks import model as webhooks
+from dohyo.service.worlds import model as worlds
 
-MODELS = (accounts, submissions, evaluations, boards, challenges, jobs, networks, webhooks, idempotency, server_lock)
+MODELS = (
+    accounts,
+    submissions,
+    evaluations,
+    boards,
+    challenges,
+    jobs,
+    networks,
+    webhooks,
+    worlds,
+    idempotency,
+    server_lock,
+)
 METADATA = Base.metadata

@@ -22,7 +22,7 @@ _CHUNK = 1 << 18
 
 
 class Kind(IntEnum):
-    """Kind of a frame; the first four go to the process, the others come from it."""
+    """Kind of a frame; the first four and the last go to the process, the others come from it."""
 
     ORDER = 1  # JSON of an EpisodeOrder: drive this
     GRANT = 2  # a worker holds the episode: the clock of its first decision runs
@@ -33,6 +33,7 @@ class Kind(IntEnum):
     FINISHED = 7  # the record is on disk
     IMPOSSIBLE = 8  # text: the order can never be driven
     FAILED = 9  # text: an internal error
+    DRIVERS = 10  # JSON: new drivers of a world's egos; to the process
 
 
 class Fault(StrEnum):

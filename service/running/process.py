@@ -28,7 +28,7 @@ from dohyo.service.forking.process import ForkedProcess
 from dohyo.service.forking.server import Launch, Template, fork
 from dohyo.service.running.channel import Frames, Kind
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
-from dohyo.service.running.order import EpisodeOrder
+from dohyo.sumo_networks.config import Config
 
 ENTRY: Final = "dohyo.service.running.child:drive_here"
 TEMPLATE: Final = Template("dohyo.service.running.child:prepare")
@@ -123,11 +123,11 @@ class EpisodeProcess:
             env=without_secrets() | policies,  # a cluster's client needs variables that only its administrator knows
         )
 
-    async def drive(self, order: EpisodeOrder, limit_s: float = math.inf) -> Outcome:
+    async def drive(self, order: Config, limit_s: float = math.inf) -> Outcome:
         """Drives one order to its end; a cancellation ends the process.
 
         Args:
-            order: Order to drive.
+            order: Order to drive, of an episode or of a world.
             limit_s: Wall-clock limit of the drive, half of which is for the agent's decisions. Beyond its half the
                 agent has failed; beyond the whole, the machine.
         """

@@ -14,7 +14,8 @@ from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.running.channel import FORMATS, SEEN, Channel, Fault, Kind
 from dohyo.service.running.order import EpisodeOrder
-from dohyo.service.wire.messages import decode, encode_observations, shape_in_words, unpack
+from dohyo.service.wire.actions import checked_action
+from dohyo.service.wire.messages import decode, encode_observations
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
@@ -130,21 +131,9 @@ class Bridge:
             raise InvalidInputError(f"expected an action for each of {list(self._deciding)}, got {given}")
         if unknown := sorted(set(map(str, actions)) - set(self._names.values())):
             raise InvalidInputError(f"expected actions of {list(self._deciding)} only, got {unknown[:10]} too")
-        decided = {ego: self._action(ego, actions[ego]) for ego in self._deciding}
+        decided = {ego: checked_action(ego, actions[ego], self._shape, self._check) for ego in self._deciding}
         self.clipped += sum(clipped for _, clipped in decided.values())
         return {ego: action for ego, (action, _) in decided.items()}
-
-    def _action(self, ego: str, value: object) -> tuple[np.ndarray, bool]:
-        """An action within its bounds, and whether it was outside of them."""
-        try:
-            given = unpack(value)
-            if given.shape != self._shape:
-                expected, got = shape_in_words(self._shape), shape_in_words(given.shape)
-                raise InvalidInputError(f"expected {expected}, got {got}")
-            action = self._check(given)
-        except DohyoError as error:
-            raise InvalidInputError(f"action of '{ego}': {error}") from None
-        return action, bool((action != given).any())
 
 
 class RemoteAgent(Agent):

@@ -10,16 +10,18 @@ from dohyo.service.evaluations.model import Episode, Evaluation
 from dohyo.service.jobs.model import UNFINISHED, Job
 from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.submissions.model import Agent, Submission
+from dohyo.service.worlds.model import World
 
 MEGABYTE = 1_000_000
 
 
 def kept_bytes(session: Session, owner: str) -> int:
-    """Size of an owner's records, policies, networks, and files that jobs will check, bytes."""
+    """Size of an owner's records of episodes and worlds, policies, networks, and files that jobs will check, bytes."""
     sums = (
         select(func.sum(Episode.kept_bytes)).join(Evaluation).where(Evaluation.owner == owner),
         select(func.sum(Submission.kept_bytes)).join(Agent).where(Agent.owner == owner),
         select(func.sum(UploadedNetwork.kept_bytes)).where(UploadedNetwork.owner == owner),
+        select(func.sum(World.kept_bytes)).where(World.owner == owner),
         select(func.sum(Job.upload_bytes)).where(Job.owner == owner, Job.status.in_(UNFINISHED)),
     )
     return sum(int(session.scalar(query) or 0) for query in sums)

@@ -39,6 +39,7 @@ TAGS = [
     {"name": "challenges", "description": "Competitions: rules, phases, teams, invitations, final boards."},
     {"name": "metrics", "description": "Numbers of evaluations, under any rules, and of the service."},
     {"name": "workers", "description": "The wire: agents that drive through workers of their own, over HTTP."},
+    {"name": "worlds", "description": "Live scenarios that several workers join, each with its own egos."},
     {"name": "webhooks", "description": "To be told when an evaluation has ended."},
 ]
 MEANINGS = {

@@ -94,6 +94,7 @@ PARAMETERS: Final = {
     "control": "Interface of the actions; by default all.",
     "identifier": "Its identifier.",
     "lease": "Identifier of the lease.",
+    "seat": "Identifier of the place in a world.",
     "sensors": "Names of sensors; by default all.",
     "status": "Only those of this status.",
     "track": "Only those of this track.",

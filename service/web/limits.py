@@ -21,7 +21,7 @@ from dohyo.service.errors import BusyError, TooLargeError, problem
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.web.addresses import client_of
 
-WIRE = ("/v1/workers", "/v1/leases")
+WIRE = ("/v1/workers", "/v1/leases", "/v1/seats")
 FREE = ("/health", "/static")
 UPLOADS = ("/v1/networks", "/submissions/onnx")
 REDEMPTIONS = ("/v1/invitations/redeem", "/join")

@@ -29,22 +29,22 @@ def _inlined(schema: Any, components: dict[str, Any]) -> Any:
     return {key: _inlined(value, components) for key, value in schema.items()}
 
 
-def _body(struct: type[msgspec.Struct], example: dict[str, Any], required: bool = True) -> dict[str, Any]:
+def body(struct: type[msgspec.Struct], example: dict[str, Any], required: bool = True) -> dict[str, Any]:
+    """Entry of a body."""
     content = {"application/json": {"schema": schema_of(struct), "example": example}}
     return {"requestBody": {"required": required, "content": content}}
 
 
-def _answer(description: str, struct: type[msgspec.Struct], example: dict[str, Any]) -> dict[str, Any]:
+def answer(description: str, struct: type[msgspec.Struct], example: dict[str, Any]) -> dict[str, Any]:
+    """Entry of an answer, in both encodings."""
     schema = schema_of(struct)
     content = {media_type.value: {"schema": schema, "example": example} for media_type in reversed(Format)}
     return {"description": description, "content": content}
 
 
-REGISTER = _body(Registration, {"agent": "my-agent", "capacity": 1})
-REGISTERED = _answer(
-    "Registered.", Registered, {"worker": "w-9f86d081884c7d65", "token": "Zk3...", "lease_ttl_s": 30.0}
-)
-ACQUIRED = _answer(
+REGISTER = body(Registration, {"agent": "my-agent", "capacity": 1})
+REGISTERED = answer("Registered.", Registered, {"worker": "w-9f86d081884c7d65", "token": "Zk3...", "lease_ttl_s": 30.0})
+ACQUIRED = answer(
     "An episode.",
     Granted,
     {
@@ -68,8 +68,8 @@ ACQUIRED = _answer(
         "observations": {"ego": {"speedometer": [0.0]}},
     },
 )
-STEP = WORKER_TOKEN | _body(Step, {"tick": 0, "actions": {"ego": [8.0, 0.0]}})
-STEPPED = _answer(
+STEP = WORKER_TOKEN | body(Step, {"tick": 0, "actions": {"ego": [8.0, 0.0]}})
+STEPPED = answer(
     "The next observations.",
     Reply,
     {
@@ -83,4 +83,4 @@ STEPPED = _answer(
         "directive": "run",
     },
 )
-RELEASE = WORKER_TOKEN | _body(Release, {"reason": "shutdown"}, required=False)
+RELEASE = WORKER_TOKEN | body(Release, {"reason": "shutdown"}, required=False)

@@ -24,6 +24,7 @@ from dohyo.service.running.channel import FORMATS, SEEN, Fault, Kind
 from dohyo.service.running.process import End, Outcome
 from dohyo.service.wire.bodies import Directive, Reply, Step
 from dohyo.service.wire.messages import NOTHING, Format
+from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -376,11 +377,3 @@ class LeaseBook:
                 del self._workers[worker.id], self._tokens[worker.token]
         for lease in [one for one in self._leases.values() if one.ended and now - one.heard > FORGET_S]:
             del self._leases[lease.id]
-
-
-class StaleTickError(ConflictError):
-    """A decision for a tick other than the current one."""
-
-    def __init__(self, expected: int, got: int) -> None:
-        super().__init__(f"stale tick: expected actions for tick {expected}, got {got}")
-        self.expected = expected

@@ -23,22 +23,21 @@ from dohyo.service.accounts.access import WorkerCaller
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
 from dohyo.service.database.engine import Database
-from dohyo.service.errors import BusyError, NotFoundError, ServiceError, TooLargeError, UnauthorisedError, problem
+from dohyo.service.errors import BusyError, NotFoundError, ServiceError, UnauthorisedError
 from dohyo.service.running.channel import SEEN, Fault
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.model import Agent
 from dohyo.service.web.documents import problems
 from dohyo.service.web.strict_json import readable
 from dohyo.service.wire import openapi as schema
-from dohyo.service.wire.bodies import LONGEST_TEXT, Granted, Registered, Registration, Release, Reply
-from dohyo.service.wire.messages import Format, decode, decode_step, encode, format_of
+from dohyo.service.wire.bodies import LONGEST_TEXT, Granted, Registered, Registration, Release
+from dohyo.service.wire.messages import decode, decode_step, encode
+from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
 from dohyo.service.workers.lease import Lease, Worker
-from dohyo.service.workers.leases import LeaseBook, StaleTickError
+from dohyo.service.workers.leases import LeaseBook
 from dohyo.sumo_networks.errors import InvalidInputError
 
-BODY_LIMIT = 64 * 1024
 LONGEST_WAIT_S = 60.0
-LARGE_BYTES = 16 * 1024
 
 router = APIRouter(prefix="/v1", tags=["workers"])
 
@@ -52,17 +51,17 @@ class Steps:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answers one step."""
         leases: LeaseBook = scope["app"].state.services.scheduler.leases
-        headers = _headers(scope)
+        headers = headers_of(scope)
         try:
-            worker = leases.worker_of(_bearer(headers))
-            body = await _body(headers, receive)
-            taken, answered = _formats(headers)
+            worker = leases.worker_of(bearer_of(headers))
+            body = await body_of(headers, receive)
+            taken, answered = formats_of(headers)
             lease = leases.lease_of(worker, scope["path_params"]["lease"])
             reply = await leases.step(lease, decode_step(body, taken), taken)
         except (ServiceError, InvalidInputError) as error:
-            await _problem(error)(scope, receive, send)
+            await problem_of(error)(scope, receive, send)
             return
-        content = await _encoded(reply, answered, reply.observations)
+        content = await encoded(reply, answered, reply.observations)
         length = str(len(content)).encode()
         about = [(b"content-type", answered.encode()), (b"content-length", length)]
         await send({"type": "http.response.start", "status": 200, "headers": about})
@@ -79,17 +78,17 @@ class Steps:
 )
 async def register_worker(request: Request, caller: WorkerCaller, services: ServicesOf) -> Response:
     """Registers a worker for an agent of the token's owner; later requests need the token from this answer."""
-    headers = _headers(request.scope)
+    headers = headers_of(request.scope)
     try:
-        taken, answered = _formats(headers)
-        order = _registration(decode(await _body(headers, request.receive), taken))
+        taken, answered = formats_of(headers)
+        order = _registration(decode(await body_of(headers, request.receive), taken))
         owner = await asyncio.to_thread(_owner_of, services.database, order.agent)
         if owner is None or not caller.owns(owner):
             raise NotFoundError(f"no agent named '{order.agent}' of yours")
         leases = services.scheduler.leases
         worker = leases.register(order.agent, owner, caller.token_id or "", order.capacity, order.version)
     except (ServiceError, InvalidInputError) as error:
-        return _problem(error)
+        return problem_of(error)
     answer = Registered(worker.id, worker.token, leases.lease_ttl_s)
     return Response(encode(answer, answered), 201, media_type=answered)
 
@@ -108,12 +107,12 @@ async def acquire_episode(
     wait: Annotated[float, Query(ge=0.0, le=LONGEST_WAIT_S, description="Seconds to wait for one.")] = 20.0,
 ) -> Response:
     """Waits for an episode and leases it, with the first observations; 204 where none is available in time."""
-    headers, leases = _headers(request.scope), services.scheduler.leases
+    headers, leases = headers_of(request.scope), services.scheduler.leases
     try:
-        worker = leases.worker_of(_bearer(headers))
+        worker = leases.worker_of(bearer_of(headers))
         if worker.id != worker_id:
             raise NotFoundError(f"no worker '{worker_id}' of this token")
-        await _body(headers, request.receive)
+        await body_of(headers, request.receive)
         if not await asyncio.to_thread(_is_good, services.database, worker.token_id):
             leases.dismiss(worker.token_id)
             raise UnauthorisedError("the token that this worker was registered with is no longer good")
@@ -122,12 +121,12 @@ async def acquire_episode(
         if lease is None and leases.draining:
             raise BusyError("the service is ending", retry_s=5)
     except (ServiceError, InvalidInputError) as error:
-        return _problem(error)
+        return problem_of(error)
     if lease is None:
         return Response(status_code=204)
-    answered = _formats(headers)[1]
+    answered = formats_of(headers)[1]
     given = _given(lease)
-    return Response(await _encoded(given, answered, given.observations), media_type=answered)
+    return Response(await encoded(given, answered, given.observations), media_type=answered)
 
 
 step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include_in_schema=False)
@@ -160,7 +159,7 @@ async def renew_lease(lease: LeaseId, request: Request, services: ServicesOf) ->
         worker, leases = await _caller(request, services)
         leases.heartbeat(leases.lease_of(worker, lease))
     except (ServiceError, InvalidInputError) as error:
-        return _problem(error)
+        return problem_of(error)
     return Response(status_code=204)
 
 
@@ -174,15 +173,15 @@ async def renew_lease(lease: LeaseId, request: Request, services: ServicesOf) ->
 )
 async def release_lease(lease: LeaseId, request: Request, services: ServicesOf) -> Response:
     """Ends a lease: with an `error` by the agent's fault, otherwise another worker drives the episode again."""
-    headers = _headers(request.scope)
+    headers = headers_of(request.scope)
     try:
         leases = services.scheduler.leases
-        worker = leases.worker_of(_bearer(headers))
-        body = await _body(headers, request.receive)
-        fault, text = _reason(decode(body, _formats(headers)[0]) if body else {})
+        worker = leases.worker_of(bearer_of(headers))
+        body = await body_of(headers, request.receive)
+        fault, text = _reason(decode(body, formats_of(headers)[0]) if body else {})
         leases.release(leases.lease_of(worker, lease), fault, text)
     except (ServiceError, InvalidInputError) as error:
-        return _problem(error)
+        return problem_of(error)
     return Response(status_code=204)
 
 
@@ -220,56 +219,11 @@ def _given(lease: Lease) -> Granted:
     )
 
 
-async def _encoded(answer: Reply | Granted, fmt: Format, observations: msgspec.Raw) -> bytes:
-    """An answer in a format; large observations become JSON in a thread, as all other workers would wait for it."""
-    if fmt is Format.JSON and memoryview(observations).nbytes > LARGE_BYTES:
-        return await asyncio.to_thread(encode, answer, fmt)
-    return encode(answer, fmt)
-
-
 async def _caller(request: Request, services: Services) -> tuple[Worker, LeaseBook]:
-    headers, leases = _headers(request.scope), services.scheduler.leases
-    worker = leases.worker_of(_bearer(headers))
-    await _body(headers, request.receive)
+    headers, leases = headers_of(request.scope), services.scheduler.leases
+    worker = leases.worker_of(bearer_of(headers))
+    await body_of(headers, request.receive)
     return worker, leases
-
-
-def _headers(scope: Scope) -> dict[bytes, bytes]:
-    return dict(scope["headers"])
-
-
-def _bearer(headers: dict[bytes, bytes]) -> str:
-    scheme, _, token = headers.get(b"authorization", b"").decode("latin-1").partition(" ")
-    return token.strip() if scheme.lower() == "bearer" else ""
-
-
-def _formats(headers: dict[bytes, bytes]) -> tuple[Format, Format]:
-    """Formats of the body and of the answer; the answer has the body's unless another is requested."""
-    taken = format_of(headers.get(b"content-type", b"").decode("latin-1"))
-    answered = format_of(headers.get(b"accept", b"").decode("latin-1"), None)
-    if b"content-type" not in headers and answered is not None:
-        taken = answered
-    assert taken is not None
-    return taken, answered or taken
-
-
-async def _body(headers: dict[bytes, bytes], receive: Receive) -> bytes:
-    """The whole body; a body that is too large is refused before it is read.
-
-    Raises:
-        TooLargeError: The body is too large.
-    """
-    told = headers.get(b"content-length", b"0")
-    if told.isdigit() and int(told) > BODY_LIMIT:
-        raise TooLargeError(BODY_LIMIT)
-    body = b""
-    while True:
-        message = await receive()
-        body += message.get("body", b"")
-        if len(body) > BODY_LIMIT:
-            raise TooLargeError(BODY_LIMIT)
-        if not message.get("more_body", False):
-            return bytes(body)
 
 
 @asynccontextmanager
@@ -297,12 +251,3 @@ def _owner_of(database: Database, agent: str) -> str | None:
 def _is_good(database: Database, token_id: str) -> bool:
     with database.reading() as session:
         return is_valid(session.get(Token, token_id))
-
-
-def _problem(error: ServiceError | InvalidInputError) -> Response:
-    """An error of the wire as a problem document, always in JSON."""
-    if isinstance(error, StaleTickError):
-        return problem(error.status, str(error), expected_tick=error.expected)
-    if isinstance(error, ServiceError):
-        return problem(error.status, str(error), error.headers)
-    return problem(422, str(error))

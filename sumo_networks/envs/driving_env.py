@@ -218,6 +218,19 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         self.agents.remove(name)
         self._running.retire(self._index[name])
 
+    def outfit(self, name: str, sensors: SensorNames, control: str) -> Observation:
+        """Gives an ego other sensors and another control, as new ones at the start of an episode.
+
+        Returns:
+            What the new sensors read now.
+
+        Raises:
+            UnknownNameError: There is no such sensor or control; nothing has changed then.
+        """
+        made = self._made_sensors(name, sensors), make_control(control, self._plan.vehicle, TICK_S)
+        self._sensors[name], self._controls[name] = made
+        return self._observe([name])[name]
+
     def record(self, recorder: LogRecorder) -> None:
         """Adds the last tick to a log of all actors except the egos.
 
@@ -235,13 +248,11 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             self._simulation.close()
 
     def _new_sensors(self) -> dict[str, tuple[Sensor, ...]]:
-        conditions, seed = conditions_named(self.scenario.conditions), self.scenario.seed
-        return {
-            name: make_sensors(
-                self._sensor_names[name], Track.PRIVILEGED, conditions, np.random.default_rng([SENSOR_NOISE, seed, ego])
-            )
-            for name, ego in self._index.items()
-        }
+        return {name: self._made_sensors(name, self._sensor_names[name]) for name in self._index}
+
+    def _made_sensors(self, name: str, sensors: SensorNames) -> tuple[Sensor, ...]:
+        noise = np.random.default_rng([SENSOR_NOISE, self.scenario.seed, self._index[name]])
+        return make_sensors(sensors, Track.PRIVILEGED, conditions_named(self.scenario.conditions), noise)
 
     def _new_controls(self) -> dict[str, Control]:
         return {

@@ -11,9 +11,11 @@ from openapi_spec_validator import validate
 from tests.service.harness import Harness, assert_problem
 
 # Verbs that a generated client shows; a new one is added here on purpose.
-VERBS = "accept acquire cancel change close compare create delete download explain forget get import join leave list"
-VERBS += " move postpone redeem register release remove renew rescore resume revoke sign start step stream update"
-VERBS += " upload verify"
+VERBS = (
+    "accept acquire cancel change close compare create delete download end explain forget get import join leave list"
+)
+VERBS += " move pause postpone redeem register release remove renew rescore resume revoke sign start step stream"
+VERBS += " update upload verify"
 
 
 @pytest.fixture

@@ -18,9 +18,10 @@ from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.wire.bodies import Step
 from dohyo.service.wire.messages import Format, encode_observations
+from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.workers import leases as module
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker
-from dohyo.service.workers.leases import LeaseBook, StaleTickError
+from dohyo.service.workers.leases import LeaseBook
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 

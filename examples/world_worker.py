@@ -1,0 +1,54 @@
+"""A worker that joins a world of a dohyo service and drives one ego; it needs nothing but Python.
+
+    python world_worker.py http://127.0.0.1:8000 TOKEN WORLD NAME EGO 8.0
+
+The last argument is the speed to keep, m/s. Started again by the same NAME, it takes its place back.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import urllib.error
+import urllib.request
+from typing import Any
+
+PATIENCE_S = 120.0
+
+
+def post(url: str, token: str, document: dict[str, Any]) -> dict[str, Any]:
+    """Posts a document and returns the answer; sends it again while the service answers "not now"."""
+    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    while True:
+        request = urllib.request.Request(url, json.dumps(document).encode(), headers)
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
+                return dict(json.load(answer))
+        except urllib.error.HTTPError as error:
+            if error.code not in (429, 503):
+                sys.exit(f"{error.code}: {json.load(error)['detail']}")
+            time.sleep(float(error.headers.get("Retry-After", "1")))
+
+
+def decide(observation: dict[str, Any], speed_mps: float) -> list[float]:
+    """Target speed and change of lane: a little faster than now, up to the speed to keep."""
+    return [min(speed_mps, observation["speedometer"][0] + 0.5), 0.0]
+
+
+def main() -> None:
+    """Joins a world, and drives until its ego has ended its drive."""
+    server, token, world, name, ego, speed = sys.argv[1:]
+    asked = {"name": name, "egos": [ego], "sensors": ["speedometer"], "control": "lane_command"}
+    seat = post(f"{server}/v1/worlds/{world}/join", token, asked)
+    print(f"{name} drives {ego} from tick {seat['tick']}", flush=True)
+    reply: dict[str, Any] = seat | {"done": False}
+    while not reply["done"]:
+        actions = {ego: decide(seen, float(speed)) for ego, seen in reply["observations"].items()}
+        step = {"tick": reply["tick"], "actions": actions}
+        reply = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step)
+    print(f"{name} has ended at tick {reply['tick']}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

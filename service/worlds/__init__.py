@@ -1,0 +1,1 @@
+"""Worlds: live scenarios that several workers join, each with its own egos."""

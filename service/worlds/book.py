@@ -1,0 +1,229 @@
+"""WorldBook: all live worlds, one process each; how each has ended is stored in the database."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from dohyo.evaluation.records.store import read_record
+from dohyo.service.database.base import new_id
+from dohyo.service.database.engine import Database
+from dohyo.service.episodes.archive import record_size
+from dohyo.service.errors import BusyError, TooManyRequestsError, UnauthorisedError
+from dohyo.service.running.process import End, EpisodeProcess, Outcome
+from dohyo.service.settings import Settings
+from dohyo.service.storage.usage import check_bytes
+from dohyo.service.worlds import queries
+from dohyo.service.worlds.model import World, WorldStatus
+from dohyo.service.worlds.order import Late, WorldOrder
+from dohyo.service.worlds.seat import Seat
+from dohyo.service.worlds.shown import SHOWN
+from dohyo.service.worlds.world import LiveWorld
+from dohyo.sumo_networks.errors import InvalidInputError
+
+ENTRY: Final = "dohyo.service.worlds.child:simulate_here"
+SWEEP_S: Final = 0.1
+END_S: Final = 60.0  # for the rest of a tick and the record
+FORGET_S: Final = 300.0
+
+logger = logging.getLogger("dohyo.worlds")
+
+
+class WorldBook:
+    """Live worlds and the seats in them."""
+
+    def __init__(self, settings: Settings, database: Database) -> None:
+        """Begins without worlds."""
+        self._settings, self._database = settings, database
+        self._live: dict[str, LiveWorld] = {}
+        self._tasks: dict[str, asyncio.Task[Outcome]] = {}
+        self._seats: dict[str, tuple[LiveWorld, Seat]] = {}
+        self._over: dict[str, float] = {}  # monotonic time of the end of worlds whose seats are still known
+        self._sweeper: asyncio.Task[None] | None = None
+        self._stopping = False
+
+    # Life
+
+    async def start(self) -> None:
+        """Fails the worlds that an earlier service left, then starts."""
+
+        def fail() -> int:
+            with self._database.session() as session:
+                return queries.fail_live_worlds(session, "the service ended while the world was live")
+
+        if left := await asyncio.to_thread(fail):
+            logger.warning("%d worlds were live when the service ended", left)
+        self._sweeper = asyncio.create_task(self._sweep())
+
+    async def stop(self) -> None:
+        """Ends all worlds, with their records."""
+        self._stopping = True
+        for world in self._live.values():
+            world.end("the service ended")
+        if self._tasks:
+            await asyncio.wait(self._tasks.values(), timeout=max(1.0, self._settings.drain_s))
+        for task in [*self._tasks.values(), *filter(None, [self._sweeper])]:
+            task.cancel()
+        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+
+    async def _sweep(self) -> None:
+        while True:
+            await asyncio.sleep(SWEEP_S)
+            now = time.monotonic()
+            for world in list(self._live.values()):
+                world.sweep()
+                if now - world.heard > self._settings.world_idle_s and not world.ending:
+                    world.end(f"no request came for {self._settings.world_idle_s:g} s")
+            for identifier in [one for one, ended in self._over.items() if now - ended > FORGET_S]:
+                del self._over[identifier]
+                self._seats = {key: pair for key, pair in self._seats.items() if pair[0].id != identifier}
+
+    # Worlds
+
+    async def create(self, owner: str, make_order: Callable[[str], WorldOrder], deadline_s: float, late: Late) -> str:
+        """Starts a world and waits for its first tick; returns its identifier.
+
+        Args:
+            owner: Owner of the world.
+            make_order: Order of a world with a given identifier.
+            deadline_s: Time for one decision, s.
+            late: What happens to a driver that is late.
+
+        Raises:
+            TooManyRequestsError: The owner has too many worlds.
+            BusyError: There are too many worlds, or the simulation cannot be started.
+            InvalidInputError: The scenario cannot be simulated.
+        """
+        self._check_room(owner)
+        identifier = new_id("wo")
+        process = EpisodeProcess(self._settings.policies, ENTRY)
+        order = make_order(identifier)
+        world = self._live[identifier] = LiveWorld(identifier, owner, order, process, deadline_s, late)
+        try:
+            await asyncio.to_thread(self._add, world)
+            await process.start()
+        except BaseException as error:
+            del self._live[identifier]
+            if isinstance(error, OSError):
+                raise BusyError(f"no process could be started: {error}") from error
+            raise
+        task = self._tasks[identifier] = asyncio.create_task(self._run(world, process))
+        await world.shown()
+        if task.done() or identifier not in self._live:
+            await self._refuse(identifier, await task)
+        return identifier
+
+    def _check_room(self, owner: str) -> None:
+        if self._stopping:
+            raise BusyError("the service is ending")
+        most = self._settings.worlds_per_owner
+        if sum(world.owner == owner for world in self._live.values()) >= most:
+            raise TooManyRequestsError(f"expected at most {most} live worlds of one owner; end one", retry_s=60)
+        if len(self._live) >= self._settings.worlds:
+            raise BusyError(f"the service has its {self._settings.worlds} worlds", retry_s=60)
+
+    def _add(self, world: LiveWorld) -> None:
+        with self._database.session() as session:
+            check_bytes(session, world.owner, self._settings.bytes_per_owner)
+            if queries.count_worlds(session, world.owner) >= queries.KEPT_PER_OWNER:
+                raise TooManyRequestsError(f"at most {queries.KEPT_PER_OWNER} worlds; delete some", retry_s=3600)
+            document = world.order.model_dump(mode="json", exclude={"name", "directory"})
+            rules = {"deadline_s": world.deadline_s, "late": world.late, "record": world.order.directory is not None}
+            session.add(World(id=world.id, owner=world.owner, order=document | rules))
+
+    async def _refuse(self, identifier: str, outcome: Outcome) -> None:
+        """Raises the reason for which a world did not begin."""
+        if outcome.end is not End.IMPOSSIBLE:
+            raise BusyError(f"the world could not be started: {outcome.text}")
+
+        def remove() -> None:
+            with self._database.session() as session:
+                session.delete(session.get_one(World, identifier))
+
+        await asyncio.to_thread(remove)
+        raise InvalidInputError(f"scenario: {outcome.text}")
+
+    async def _run(self, world: LiveWorld, process: EpisodeProcess) -> Outcome:
+        """Lets a world live, and stores how it ends."""
+        try:
+            outcome = await process.drive(world.order)
+        except asyncio.CancelledError:
+            outcome = Outcome(End.STOPPED, world.ending or "the service ended")
+        finally:
+            await asyncio.shield(process.close())
+        if outcome.end is End.FINISHED:
+            world.tick, world.time_s, _ = SHOWN.unpack(outcome.last)
+            world.status, reason = (WorldStatus.ENDED, world.ending) if world.ending else (WorldStatus.DONE, None)
+        else:
+            world.status, reason = WorldStatus.FAILED, outcome.text[:2000]
+            logger.warning("world %s failed: %s", world.id, reason)
+        await asyncio.to_thread(self._store, world, reason)
+        del self._live[world.id], self._tasks[world.id]
+        self._over[world.id] = time.monotonic()
+        world.over(reason or "all egos have ended their drives")
+        return outcome
+
+    def _store(self, world: LiveWorld, reason: str | None) -> None:
+        record: tuple[str, int] | None = None
+        if world.order.directory is not None and world.status is not WorldStatus.FAILED:
+            path = record_path(self._settings, world.id)
+            record = read_record(path).record_hash, record_size(path)
+        with self._database.session() as session:
+            queries.finish_world(session, world.id, world.status, reason, world.tick, record)
+
+    def find(self, identifier: str, *, heard: bool = True) -> LiveWorld | None:
+        """A live world; `heard`: this counts as a request to it."""
+        world = self._live.get(identifier)
+        if world is not None and heard:
+            world.heard = time.monotonic()
+        return world
+
+    def end_later(self, world: LiveWorld, why: str) -> None:
+        """Ends a world; its process is killed where it takes too long for that."""
+        world.end(why)
+        asyncio.get_running_loop().call_later(END_S, self._cancel, world.id)
+
+    def _cancel(self, identifier: str) -> None:
+        if (task := self._tasks.get(identifier)) is not None:
+            task.cancel()
+
+    async def ended(self, identifier: str) -> None:
+        """Waits until a world has ended."""
+        if (task := self._tasks.get(identifier)) is not None:
+            await asyncio.wait([task], timeout=END_S)
+
+    # Seats
+
+    def add_seat(self, world: LiveWorld, seat: Seat) -> None:
+        """Makes a seat known by its identifier."""
+        self._seats[seat.id] = (world, seat)
+
+    def seat_of(self, identifier: str, token: str) -> tuple[LiveWorld, Seat]:
+        """A seat and its world, by its identifier and its secret.
+
+        Raises:
+            UnauthorisedError: There is no such seat with this secret.
+        """
+        world, seat = self._seats.get(identifier, (None, None))
+        if world is None or seat is None or seat.token != token:
+            raise UnauthorisedError("expected the token of this seat; join the world again")
+        world.heard = time.monotonic()
+        return world, seat
+
+    def counts(self) -> dict[str, Any]:
+        """Numbers of live worlds and of taken seats."""
+        return {"worlds": len(self._live), "seats": sum(len(world.seats) for world in self._live.values())}
+
+
+def records_folder(settings: Settings) -> Path:
+    """Folder of the records of worlds."""
+    return settings.data / "worlds"
+
+
+def record_path(settings: Settings, identifier: str) -> Path:
+    """Path of the record of a world; its trajectory lies beside it."""
+    return records_folder(settings) / f"{identifier}.json"

@@ -1,0 +1,88 @@
+"""Answers about worlds."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from dohyo.service.web.views import Moment, View
+from dohyo.service.worlds.model import World, WorldStatus
+from dohyo.service.worlds.order import Late, Undriven
+from dohyo.service.worlds.world import LiveWorld
+from dohyo.sumo_networks.units import TICK_S
+
+
+class EgoView(View):
+    """An ego of a world.
+
+    Attributes:
+        name: Name of its mission.
+        driver: Name of the worker that drives it; null: nobody does.
+        driving: Whether it still drives.
+    """
+
+    name: str
+    driver: str | None
+    driving: bool
+
+
+class WorldView(View):
+    """A live scenario, or how it ended. It enters no ranking.
+
+    Attributes:
+        undriven: What an ego without a driver does: the autopilot drives it, it stands, or it leaves the road.
+        deadline_s: Time for one decision, s.
+        late: What happens to a driver that is late: its last decision is repeated, or it loses its place.
+        egos: Its egos.
+        reason: Reason of its end; null: it is live, or all egos have ended their drives.
+        finished: Time of its end; null: it is live.
+        recorded: Whether there is a record at its end.
+        record_hash: Hash of the record; null: there is none.
+    """
+
+    id: Annotated[str, Field(examples=["wo-9f86d081884c7d65"])]
+    owner: str
+    status: WorldStatus
+    network: str
+    scenario: str
+    seed: int
+    tick: int
+    time_s: float
+    undriven: Undriven
+    deadline_s: float
+    late: Late
+    egos: list[EgoView]
+    created: Moment
+    finished: Moment | None
+    reason: str | None
+    recorded: bool
+    record_hash: str | None
+
+
+def view_world(row: World, live: LiveWorld | None) -> WorldView:
+    """A world, with what only a live one knows."""
+    order, scenario = row.order, row.order["scenario"]
+    drivers = {ego: seat.spec.name for seat in live.seats.values() for ego in seat.egos} if live else {}
+    driving = live.driving if live else ()
+    names = [mission["name"] for mission in scenario["missions"]]
+    tick = live.tick if live else row.tick
+    return WorldView(
+        id=row.id,
+        owner=row.owner,
+        status=live.status if live else row.status,
+        network=scenario["network"],
+        scenario=scenario["name"],
+        seed=scenario["seed"],
+        tick=tick,
+        time_s=round(tick * TICK_S, 3),
+        undriven=order["undriven"],
+        deadline_s=order["deadline_s"],
+        late=order["late"],
+        egos=[EgoView(name=name, driver=drivers.get(name), driving=name in driving) for name in names],
+        created=row.created,
+        finished=row.finished,
+        reason=row.reason,
+        recorded=order["record"],
+        record_hash=row.record_hash,
+    )

@@ -1,0 +1,266 @@
+"""Worlds over HTTP, with a served service and workers in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.sumo_networks.scenario import Place, Scenario, Traffic
+from tests.service.serving import Served, serving
+
+ROOT = Path(__file__).parents[3]
+SPEEDS = {"front": 9.0, "middle": 7.0, "back": 5.0}
+AHEAD = [6.0, 0.0]
+PATIENCE_S = 300.0
+
+
+class Keeper(Agent):
+    """What examples/world_worker.py does, in one process."""
+
+    spec = AgentSpec(name="keeper", sensors=("speedometer",), control="lane_command")
+
+    def __init__(self, speed_mps: float) -> None:
+        self.speed_mps = speed_mps
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        pass
+
+    def act(self, observation: Observation) -> np.ndarray:
+        return np.array([min(self.speed_mps, float(observation["speedometer"][0]) + 0.5), 0.0])
+
+    def close(self) -> None:
+        pass
+
+
+def scenario(egos: int = 3, goal_m: float = 20.0) -> Scenario:
+    """Egos one behind the other on a street of Ingolstadt."""
+    missions = tuple(
+        Mission(
+            name=name,
+            start=Place(lane="737320747#3_2", position_m=50.0 - 15.0 * place),
+            goal=Place(lane="737320747#4_2", position_m=goal_m),
+        )
+        for place, name in enumerate(list(SPEEDS)[:egos])
+    )
+    return Scenario(name="street", network="ingolstadt", missions=missions, traffic=Traffic(warm_up_s=0.0))
+
+
+class Client:
+    """Sends requests to a served service with one token."""
+
+    def __init__(self, served: Served, token: str = "") -> None:
+        self.url, self.token = served.url, token or served.token
+
+    def send(self, method: str, path: str, document: Any = None, token: str = "") -> httpx.Response:
+        headers = {"authorization": f"Bearer {token or self.token}"}
+        return httpx.request(method, self.url + path, json=document, headers=headers, timeout=120)
+
+    def world(self, **options: Any) -> str:
+        """A new world."""
+        answer = self.send("POST", "/v1/worlds", {"scenario": scenario().model_dump(mode="json")} | options)
+        assert answer.status_code == 201, answer.text
+        return str(answer.json()["id"])
+
+    def get(self, world: str) -> Any:
+        return self.send("GET", f"/v1/worlds/{world}").json()
+
+    def order(self, world: str, what: str, document: Any = None) -> Any:
+        answer = self.send("POST", f"/v1/worlds/{world}/{what}", document)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def join(self, world: str, name: str, *egos: str) -> httpx.Response:
+        asked = {"name": name, "egos": list(egos), "sensors": ["speedometer"], "control": "lane_command"}
+        return self.send("POST", f"/v1/worlds/{world}/join", asked)
+
+    def seat(self, world: str, name: str, *egos: str) -> Any:
+        answer = self.join(world, name, *egos)
+        assert answer.status_code == 201, answer.text
+        return answer.json()
+
+    def step(self, seat: Any, tick: int, **actions: Any) -> httpx.Response:
+        return self.send("POST", f"/v1/seats/{seat['seat']}/step", {"tick": tick, "actions": actions}, seat["token"])
+
+    def until(self, world: str, true: Callable[[Any], bool]) -> Any:
+        """The world, once something holds for it."""
+        ends = time.monotonic() + PATIENCE_S
+        while not true(found := self.get(world)):
+            assert time.monotonic() < ends, found
+            time.sleep(0.05)
+        return found
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with serving(tmp_path_factory.mktemp("worlds") / "data") as one:
+        yield one
+
+
+@pytest.fixture
+def client(served: Served) -> Iterator[Client]:
+    """The administrator, who ends all worlds afterwards."""
+    one = Client(served)
+    yield one
+    for world in one.send("GET", "/v1/worlds").json()["items"]:
+        if world["finished"] is None:
+            one.order(world["id"], "end")
+
+
+def worker(client: Client, world: str, name: str) -> subprocess.Popen[str]:
+    """The example, in a process of its own, once it has joined."""
+    program = str(ROOT / "examples" / "world_worker.py")
+    arguments = [client.url, client.token, world, f"driver-{name}", name, str(SPEEDS[name])]
+    process = subprocess.Popen([sys.executable, program, *arguments], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert "drives" in process.stdout.readline()
+    return process
+
+
+def test_three_workers_drive_as_one_process_would_also_after_kill_9(client: Client) -> None:
+    alone, _ = drive_episode(scenario(), {name: Keeper(speed) for name, speed in SPEEDS.items()})
+    world = client.world(record=True, deadline_s=120)
+    client.order(world, "pause")
+    workers = {name: worker(client, world, name) for name in SPEEDS}
+    try:
+        client.order(world, "step", {"ticks": 20})
+        client.until(world, lambda found: found["tick"] == 20)
+        workers["middle"].send_signal(signal.SIGKILL)
+        workers["middle"].wait()
+        client.order(world, "resume")
+        workers["middle"] = worker(client, world, "middle")
+        assert [process.wait(PATIENCE_S) for process in workers.values()] == [0, 0, 0]
+    finally:
+        for process in workers.values():
+            process.kill()
+            process.wait()
+    ended = client.until(world, lambda found: found["finished"] is not None)
+    assert (ended["status"], ended["reason"], ended["tick"]) == ("done", None, alone.ticks)
+    record = client.send("GET", f"/v1/worlds/{world}/record").json()
+    assert record["trajectory_sha256"] == alone.trajectory_sha256
+    assert (record["record_hash"], record["benchmark"]) == (ended["record_hash"], None)
+    assert [(ego["agent"]["name"], ego["agent"]["kind"]) for ego in record["egos"]] == [
+        (f"driver-{name}", "remote") for name in SPEEDS
+    ]
+    assert [ego["status"] for ego in record["egos"]] == [ego.status.value for ego in alone.egos]
+    assert client.send("GET", f"/v1/worlds/{world}/trajectory").content[:4] == b"PAR1"
+    assert client.send("DELETE", f"/v1/worlds/{world}").status_code == 204
+    assert client.send("GET", f"/v1/worlds/{world}/record").status_code == 404
+
+
+def test_late_gone_and_doubled_drivers(client: Client) -> None:
+    world = client.world(deadline_s=2, late="leave", undriven="stand", record=True)
+    front, rest = client.seat(world, "a", "front"), client.seat(world, "b", "middle", "back")
+    assert client.get(world)["status"] == "running"
+    assert client.join(world, "c", "front").status_code == 409
+    assert client.step(front, 0, front=[None, 0.0]).status_code == 422
+    assert client.step(front, 0, front=AHEAD, back=AHEAD).status_code == 422
+    late = client.step(front, 0, front=AHEAD).json()  # waits for "b", which says nothing and loses its place
+    assert (late["tick"], list(late["observations"])) == (1, ["front"])
+    assert client.step(rest, 0, middle=AHEAD, back=AHEAD).status_code == 410
+    assert [ego["driver"] for ego in client.get(world)["egos"]] == ["a", None, None]
+    assert client.step(front, 0, front=[0.0, 0.0]).json() == late
+    stale = client.step(front, 5, front=AHEAD)
+    assert (stale.status_code, stale.json()["expected_tick"]) == (409, 1)
+
+    again = client.seat(world, "a", "front")  # a second client of the same name takes over
+    assert (again["tick"], client.step(front, 1, front=AHEAD).status_code) == (1, 410)
+    assert client.step(again, 1, front=AHEAD).json()["tick"] == 2
+    back = client.seat(world, "late", "back")
+    assert back["tick"] == 2
+    assert client.send("POST", f"/v1/seats/{back['seat']}/leave", token=again["token"]).status_code == 401
+    assert client.send("POST", f"/v1/seats/{back['seat']}/leave", token=back["token"]).status_code == 204
+    assert client.step(again, 2, front=AHEAD).json()["tick"] == 3
+    ended = client.order(world, "end")
+    assert (ended["status"], ended["reason"]) == ("ended", "its owner ended the world")
+    record = client.send("GET", f"/v1/worlds/{world}/record").json()
+    assert [ego["agent"]["name"] for ego in record["egos"]] == [
+        "a",
+        "standing",
+        "standing",
+    ]  # no tick was of the others
+    assert {ego["failure"] for ego in record["egos"]} == {"its owner ended the world"}
+
+
+def test_a_late_decision_is_repeated_and_counted(client: Client) -> None:
+    document = scenario(2).model_dump(mode="json")
+    world = client.world(scenario=document, deadline_s=1, undriven="out")
+    a, b = client.seat(world, "a", "front"), client.seat(world, "b", "middle")
+    client.order(world, "pause")
+    client.order(world, "step", {"ticks": 2})
+    with httpx.Client() as other:
+        headers = {"authorization": f"Bearer {b['token']}"}
+        body = {"tick": 0, "actions": {"middle": AHEAD}}
+        with pytest.raises(httpx.ReadTimeout):  # the request is gone, its decision counts
+            other.post(f"{client.url}/v1/seats/{b['seat']}/step", json=body, headers=headers, timeout=0.2)
+    assert client.step(a, 0, front=AHEAD).json()["tick"] == 1
+    assert client.step(a, 1, front=AHEAD).json()["tick"] == 2
+    assert client.step(b, 1, middle=AHEAD).json()["missed"] == 1
+    assert client.send("POST", f"/v1/seats/{b['seat']}/leave", token=b["token"]).status_code == 204
+    client.order(world, "step", {"ticks": 1})
+    client.step(a, 2, front=AHEAD)
+    assert [ego["driving"] for ego in client.get(world)["egos"]] == [True, False]
+
+
+def test_nobody_else_sees_a_world_and_no_owner_has_too_many(client: Client, served: Served) -> None:
+    tokens = {
+        role: served.ask("POST", "/v1/tokens", {"owner": owner, "role": role})["token"]
+        for role, owner in (("submitter", "mine"), ("worker", "mine"), ("organiser", "stranger"))
+    }
+    mine, stranger = Client(served, tokens["submitter"]), Client(served, tokens["organiser"])
+    helper = Client(served, tokens["worker"])
+    world = mine.world()
+    assert [one["id"] for one in mine.send("GET", "/v1/worlds").json()["items"]] == [world]
+    assert stranger.send("GET", "/v1/worlds").json()["items"] == []
+    for method, path in [("GET", ""), ("GET", "/record"), ("POST", "/resume"), ("POST", "/end"), ("DELETE", "")]:
+        assert stranger.send(method, f"/v1/worlds/{world}{path}").status_code == 404, path
+    assert stranger.join(world, "x", "front").status_code == 404
+    assert helper.send("POST", f"/v1/worlds/{world}/pause").status_code == 403
+    assert helper.seat(world, "x", "front")["tick"] == 0
+    assert httpx.get(f"{served.url}/v1/worlds/{world}").status_code == 401
+    mine.world()
+    asked = {"benchmark": "fleet", "mission": "ingolstadt"}
+    assert mine.send("POST", "/v1/worlds", asked).status_code == 429
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({}, "expected either benchmark or scenario"),
+        ({"benchmark": "fleet", "mission": "nowhere"}, "no mission named 'nowhere'"),
+        ({"benchmark": "dissipation"}, "expected one of drives"),
+        ({"scenario": {"network": "/etc/passwd", "missions": []}}, "scenario.missions"),
+        ({"scenario": scenario().model_dump(mode="json") | {"network": "/etc/passwd"}}, "no network named"),
+        ({"scenario": scenario(goal_m=1e6).model_dump(mode="json")}, "scenario:"),
+    ],
+)
+def test_a_scenario_that_cannot_be_is_refused(asked: Any, words: str, client: Client) -> None:
+    before = len(client.send("GET", "/v1/worlds").json()["items"])
+    answer = client.send("POST", "/v1/worlds", asked)
+    assert answer.status_code == 422, answer.text
+    assert words in answer.json()["detail"]
+    assert len(client.send("GET", "/v1/worlds").json()["items"]) == before
+
+
+def test_a_killed_service_says_later_that_its_worlds_failed(tmp_path: Path) -> None:
+    with serving(tmp_path / "data") as first:
+        before = Client(first)
+        world = before.world(record=True)
+        before.seat(world, "a", "front")
+        assert first.end(signal.SIGKILL) == -signal.SIGKILL
+    with serving(tmp_path / "data") as second:
+        found = Client(second, before.token).get(world)
+        assert (found["status"], found["record_hash"]) == ("failed", None)
+        assert found["reason"] == "the service ended while the world was live"
+        assert json.dumps(found["egos"]).count("null") == 3
