@@ -114,8 +114,10 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
         if family is Family.FREEWAY:
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
             continue
-        if agent not in ("NAME", ONNX, "module:Class", "my_module:MyAgent"):
-            make_agent(agent_entries().get(agent, agent))
+        agents = {agent, *(after for word, after in pairwise(words) if word == "--agent" and "=" in after)}
+        for one in {name.partition("=")[2] or name for name in agents}:
+            if one not in ("NAME", "AGENT", ONNX, "module:Class", "my_module:MyAgent"):
+                make_agent(agent_entries().get(one, one))
 
 
 def test_every_option_in_the_readme_exists() -> None:

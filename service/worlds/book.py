@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.database.base import new_id
@@ -77,7 +78,7 @@ class WorldBook:
             for world in list(self._live.values()):
                 world.sweep()
                 if now - world.heard > self._settings.world_idle_s and not world.ending:
-                    world.end(f"no request came for {self._settings.world_idle_s:g} s")
+                    self.end_later(world, f"no request came for {self._settings.world_idle_s:g} s")
             for identifier in [one for one, ended in self._over.items() if now - ended > FORGET_S]:
                 del self._over[identifier]
                 self._seats = {key: pair for key, pair in self._seats.items() if pair[0].id != identifier}
@@ -106,13 +107,19 @@ class WorldBook:
         try:
             await asyncio.to_thread(self._add, world)
             await process.start()
-        except BaseException as error:
+        except OSError as error:
             del self._live[identifier]
-            if isinstance(error, OSError):
-                raise BusyError(f"no process could be started: {error}") from error
+            await asyncio.to_thread(self._remove, identifier)
+            raise BusyError(f"no process could be started: {error}") from error
+        except BaseException:
+            del self._live[identifier]
             raise
         task = self._tasks[identifier] = asyncio.create_task(self._run(world, process))
-        await world.shown()
+        try:
+            await world.shown()
+        except BusyError:
+            task.cancel()
+            raise
         if task.done() or identifier not in self._live:
             await self._refuse(identifier, await task)
         return identifier
@@ -139,20 +146,19 @@ class WorldBook:
         """Raises the reason for which a world did not begin."""
         if outcome.end is not End.IMPOSSIBLE:
             raise BusyError(f"the world could not be started: {outcome.text}")
-
-        def remove() -> None:
-            with self._database.session() as session:
-                session.delete(session.get_one(World, identifier))
-
-        await asyncio.to_thread(remove)
+        await asyncio.to_thread(self._remove, identifier)
         raise InvalidInputError(f"scenario: {outcome.text}")
+
+    def _remove(self, identifier: str) -> None:
+        with self._database.session() as session:
+            session.delete(session.get_one(World, identifier))
 
     async def _run(self, world: LiveWorld, process: EpisodeProcess) -> Outcome:
         """Lets a world live, and stores how it ends."""
         try:
             outcome = await process.drive(world.order)
         except asyncio.CancelledError:
-            outcome = Outcome(End.STOPPED, world.ending or "the service ended")
+            outcome = Outcome(End.STOPPED, f"{world.ending or 'the service ended'}; its process took too long to end")
         finally:
             await asyncio.shield(process.close())
         if outcome.end is End.FINISHED:
@@ -161,7 +167,10 @@ class WorldBook:
         else:
             world.status, reason = WorldStatus.FAILED, outcome.text[:2000]
             logger.warning("world %s failed: %s", world.id, reason)
-        await asyncio.to_thread(self._store, world, reason)
+        try:
+            await asyncio.to_thread(self._store, world, reason)
+        except Exception:  # the next start of the service says that it failed
+            logger.exception("world %s: its end cannot be stored", world.id)
         del self._live[world.id], self._tasks[world.id]
         self._over[world.id] = time.monotonic()
         world.over(reason or "all egos have ended their drives")
@@ -209,14 +218,10 @@ class WorldBook:
             UnauthorisedError: There is no such seat with this secret.
         """
         world, seat = self._seats.get(identifier, (None, None))
-        if world is None or seat is None or seat.token != token:
+        if world is None or seat is None or not secrets.compare_digest(seat.token.encode(), token.encode()):
             raise UnauthorisedError("expected the token of this seat; join the world again")
         world.heard = time.monotonic()
         return world, seat
-
-    def counts(self) -> dict[str, Any]:
-        """Numbers of live worlds and of taken seats."""
-        return {"worlds": len(self._live), "seats": sum(len(world.seats) for world in self._live.values())}
 
 
 def records_folder(settings: Settings) -> Path:

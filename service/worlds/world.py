@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import msgspec
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.service.errors import BusyError, ConflictError, GoneError
+from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Fault, Kind
 from dohyo.service.running.process import EpisodeProcess
 from dohyo.service.wire.bodies import Reply, Step
@@ -139,7 +139,7 @@ class LiveWorld:
                 raise InvalidInputError(f"egos: expected some of {names[:50]}, got '{ego[:100]}'")
             if ego in held:
                 raise ConflictError(f"ego '{ego}' has a driver: '{held[ego].spec.name}'")
-            if ego not in self.driving:
+            if ego not in self.driving and (before is None or ego not in before.egos):
                 raise ConflictError(f"ego '{ego}' has ended its drive")
 
     def _undriven(self) -> list[str]:
@@ -269,8 +269,3 @@ class LiveWorld:
             seat.answer(seat.reply)
             self._remove(seat, why)
         self._is_shown.set()
-
-    def refuse_over(self) -> None:
-        """Raises GoneError if the world is ending."""
-        if self.ending:
-            raise GoneError(f"world '{self.id}' has ended: {self.ending}")
