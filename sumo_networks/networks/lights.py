@@ -55,6 +55,14 @@ def junctions_of(network: RoadNetwork, light: str) -> list[str]:
     return sorted({str(network.lanes.ids[lane])[1:].rsplit("_", 2)[0] for lane in inside.tolist()})
 
 
+def roads_into(network: RoadNetwork, light: str) -> set[str]:
+    """Ids of the edges whose ends a traffic light controls."""
+    row = network.signals.light_ids.tolist().index(light)
+    signals = np.flatnonzero(network.signals.light == row)
+    sources = network.connections.source[np.isin(network.connections.signal, signals)]
+    return {network.edge_id(lane) for lane in sources.tolist()}
+
+
 def crossings_at(network: RoadNetwork, light: str) -> int:
     """Number of pedestrian crossings at the junctions that a traffic light controls."""
     crossings = [str(lane) for lane in network.lanes.ids[network.lanes.crossing]]

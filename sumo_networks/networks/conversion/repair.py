@@ -13,7 +13,7 @@ import numpy as np
 from dohyo.sumo_networks.networks.connectivity import largest_part
 from dohyo.sumo_networks.networks.conversion.netconvert import rebuild
 from dohyo.sumo_networks.networks.faults import FaultKind, find_faults, usual_limit
-from dohyo.sumo_networks.networks.lights import junctions_of
+from dohyo.sumo_networks.networks.lights import junctions_of, roads_into
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
@@ -101,7 +101,9 @@ def _remove_others(network: RoadNetwork, repair: Repair) -> None:
 
 
 def _mend_lights(network: RoadNetwork, repair: Repair) -> None:
-    faults = find_faults(network)
+    removed = set(repair.removed)
+    faults = [fault for fault in find_faults(network) if fault.kind in (FaultKind.LIGHT_AT_BEND, FaultKind.LONG_PHASE)]
+    faults = [fault for fault in faults if not roads_into(network, fault.name) <= removed]
     bends = [fault.name for fault in faults if fault.kind is FaultKind.LIGHT_AT_BEND and not fault.value]
     repair.endless = [fault.name for fault in faults if fault.kind is FaultKind.LONG_PHASE]
     repair.unlit = [junction for light in bends for junction in junctions_of(network, light)]
