@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import Final
+from typing import Final, Protocol
 
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
@@ -12,18 +12,27 @@ from sqlalchemy.orm import Session
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
 from dohyo.service.database.patience import PatientDatabase
-from dohyo.service.workers.leases import LeaseBook
 
 EVERY_S: Final = 2.0
 
 logger = logging.getLogger("dohyo.scheduler")
 
 
-async def dismiss_workers(database: PatientDatabase, leases: LeaseBook) -> None:
+class Holders(Protocol):
+    """Workers that hold something, by the API tokens that they came with."""
+
+    def token_ids(self) -> set[str]:
+        """Identifiers of the API tokens."""
+
+    def dismiss(self, token_id: str) -> None:
+        """Takes everything from the workers of a token."""
+
+
+async def dismiss_workers(database: PatientDatabase, holders: Holders) -> None:
     """Ends the work of workers without a valid token, until it is cancelled."""
     while True:
         await asyncio.sleep(EVERY_S)
-        held = leases.token_ids()
+        held = holders.token_ids()
         if not held:
             continue
 
@@ -33,6 +42,6 @@ async def dismiss_workers(database: PatientDatabase, leases: LeaseBook) -> None:
         try:
             for token_id in await database.read(invalid, patient=False):
                 logger.warning("workers of token %s are dismissed: it is no longer valid", token_id)
-                leases.dismiss(token_id)
+                holders.dismiss(token_id)
         except (SQLAlchemyError, OSError) as error:
             logger.warning("the tokens of workers cannot be checked: %s", error)

@@ -13,9 +13,11 @@ from typing import Final
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.database.base import new_id
 from dohyo.service.database.engine import Database
+from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.episodes.archive import record_size
 from dohyo.service.errors import BusyError, TooManyRequestsError, UnauthorisedError
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
+from dohyo.service.scheduling.dismissal import dismiss_workers
 from dohyo.service.settings import Settings
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.worlds import queries
@@ -44,7 +46,7 @@ class WorldBook:
         self._tasks: dict[str, asyncio.Task[Outcome]] = {}
         self._seats: dict[str, tuple[LiveWorld, Seat]] = {}
         self._over: dict[str, float] = {}  # monotonic time of the end of worlds whose seats are still known
-        self._sweeper: asyncio.Task[None] | None = None
+        self._always: list[asyncio.Task[None]] = []
         self._stopping = False
 
     # Life
@@ -58,7 +60,8 @@ class WorldBook:
 
         if left := await asyncio.to_thread(fail):
             logger.warning("%d worlds were live when the service ended", left)
-        self._sweeper = asyncio.create_task(self._sweep())
+        always = (self._sweep(), dismiss_workers(PatientDatabase(self._database), self))
+        self._always = [asyncio.create_task(one) for one in always]
 
     async def stop(self) -> None:
         """Ends all worlds, with their records."""
@@ -67,9 +70,10 @@ class WorldBook:
             world.end("the service ended")
         if self._tasks:
             await asyncio.wait(self._tasks.values(), timeout=max(1.0, self._settings.drain_s))
-        for task in [*self._tasks.values(), *filter(None, [self._sweeper])]:
+        tasks = [*self._tasks.values(), *self._always]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _sweep(self) -> None:
         while True:
@@ -222,6 +226,16 @@ class WorldBook:
             raise UnauthorisedError("expected the token of this seat; join the world again")
         world.heard = time.monotonic()
         return world, seat
+
+    def token_ids(self) -> set[str]:
+        """API tokens with which workers joined."""
+        return {seat.token_id for world in self._live.values() for seat in world.seats.values()}
+
+    def dismiss(self, token_id: str) -> None:
+        """Takes the seats of the workers of an API token that is no longer valid."""
+        for world in self._live.values():
+            for seat in [one for one in world.seats.values() if one.token_id == token_id]:
+                world.leave(seat, "the token of the worker is no longer valid")
 
 
 def records_folder(settings: Settings) -> Path:

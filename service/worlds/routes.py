@@ -166,7 +166,7 @@ async def join_world(
     after a crash. The messages of the old place are answered with 410.
     """
     world = await _live(services, caller, identifier)
-    seat = await world.join(_spec(order), tuple(dict.fromkeys(order.egos)))
+    seat = await world.join(_spec(order), tuple(dict.fromkeys(order.egos)), caller.token_id or "")
     services.worlds.add_seat(world, seat)
     answered = formats_of(headers_of(request.scope))[1]
     observations = msgspec.Raw(msgspec.msgpack.encode(world.observations_of(seat)))

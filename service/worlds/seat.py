@@ -15,7 +15,7 @@ from dohyo.service.errors import GoneError
 from dohyo.service.wire.actions import checked_action
 from dohyo.service.wire.bodies import Reply
 from dohyo.service.wire.messages import pack
-from dohyo.sumo_networks.ego.control import make_control
+from dohyo.sumo_networks.ego.control import Control, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.units import TICK_S
@@ -33,6 +33,7 @@ class Seat:
         token: Secret of its messages.
         spec: Name, sensors and control of the driver.
         egos: Egos that it drives.
+        token_id: API token with which the worker joined.
         tick: Tick last shown to the worker.
         decision: Its decision for that tick; None: it decides now.
         last: Its last decision.
@@ -49,6 +50,7 @@ class Seat:
     token: str
     spec: AgentSpec
     egos: tuple[str, ...]
+    token_id: str
     tick: int = 0
     decision: Actions | None = None
     last: Actions | None = None
@@ -59,6 +61,10 @@ class Seat:
     clipped: int = 0
     waiting: list[asyncio.Future[Reply]] = field(default_factory=list)
     ended: str = ""
+    _control: Control = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._control = make_control(self.spec.control, VehicleParameters(), TICK_S)
 
     def begin(self, tick: int, due: float) -> None:
         """The worker learns of a tick, and decides until `due`."""
@@ -84,9 +90,8 @@ class Seat:
             raise InvalidInputError(f"expected an action for each of {list(deciding)}, got none for {missing}")
         if unknown := sorted(set(map(str, given)) - set(self.egos)):
             raise InvalidInputError(f"expected actions of {list(self.egos)} only, got {unknown[:10]} too")
-        control = make_control(self.spec.control, VehicleParameters(), TICK_S)
-        shape = tuple(control.space.shape)
-        checked = {ego: checked_action(ego, given[ego], shape, control.checked) for ego in deciding}
+        shape = tuple(self._control.space.shape)
+        checked = {ego: checked_action(ego, given[ego], shape, self._control.checked) for ego in deciding}
         self.clipped += sum(clipped for _, clipped in checked.values())
         self.decision = self.last = {ego: pack(np.asarray(action)) for ego, (action, _) in checked.items()}
 

@@ -103,7 +103,7 @@ class LiveWorld:
 
     # Seats
 
-    async def join(self, spec: AgentSpec, egos: Sequence[str]) -> Seat:
+    async def join(self, spec: AgentSpec, egos: Sequence[str], token_id: str) -> Seat:
         """Seats a worker. One that joins again by the same name takes its place back; the old identifier ends.
 
         Raises:
@@ -112,7 +112,7 @@ class LiveWorld:
         """
         before = next((seat for seat in self.seats.values() if seat.spec.name == spec.name), None)
         self._check_free(egos, before)
-        seat = Seat(f"s-{secrets.token_hex(12)}", secrets.token_urlsafe(32), spec, tuple(egos))
+        seat = Seat(f"s-{secrets.token_hex(12)}", secrets.token_urlsafe(32), spec, tuple(egos), token_id)
         seat.begin(self.tick, time.monotonic() + SHOW_S)
         if before is not None and (before.spec, before.egos) == (spec, seat.egos):
             seat.take_over(before)

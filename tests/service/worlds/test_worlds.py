@@ -214,10 +214,11 @@ def test_a_late_decision_is_repeated_and_counted(client: Client) -> None:
 
 
 def test_nobody_else_sees_a_world_and_no_owner_has_too_many(client: Client, served: Served) -> None:
-    tokens = {
-        role: served.ask("POST", "/v1/tokens", {"owner": owner, "role": role})["token"]
+    made = {
+        role: served.ask("POST", "/v1/tokens", {"owner": owner, "role": role})
         for role, owner in (("submitter", "mine"), ("worker", "mine"), ("organiser", "stranger"))
     }
+    tokens = {role: one["token"] for role, one in made.items()}
     mine, stranger = Client(served, tokens["submitter"]), Client(served, tokens["organiser"])
     helper = Client(served, tokens["worker"])
     world = mine.world()
@@ -229,6 +230,8 @@ def test_nobody_else_sees_a_world_and_no_owner_has_too_many(client: Client, serv
     assert helper.send("POST", f"/v1/worlds/{world}/pause").status_code == 403
     assert helper.seat(world, "x", "front")["tick"] == 0
     assert httpx.get(f"{served.url}/v1/worlds/{world}").status_code == 401
+    assert client.send("DELETE", f"/v1/tokens/{made['worker']['id']}").status_code == 204
+    mine.until(world, lambda found: found["egos"][0]["driver"] is None)
     mine.world()
     asked = {"benchmark": "fleet", "mission": "ingolstadt"}
     assert mine.send("POST", "/v1/worlds", asked).status_code == 429
