@@ -2,7 +2,7 @@
 
     dohyo dataset priboot --out out/priboot/demonstrations --samples 30000
 
-Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. A
+Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. An
 interrupted recording goes on where it stopped, and the same order gives the same bytes.
 """
 
@@ -49,8 +49,8 @@ from dohyo.sumo_networks.world import World
 NETWORKS = ("town-train", "district", "braunschweig", "ingolstadt")
 """Adlershof and town-test judge, and are never recorded."""
 VALIDATION_EVERY = 4
-STANDS_M, STANDING_EVERY = 0.1, 5
-"""Distance that an ego that stands does not go in two seconds; of such moments every fifth is kept."""
+STANDS_M, KEPT, OF = 0.1, 2, 5
+"""An ego that goes no farther in two seconds stands; of such moments two of five are kept."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
@@ -169,14 +169,14 @@ class Drive:
         return out
 
     def moments(self) -> Moments:
-        """Moments whose waypoints were driven by the expert alone; of a long standstill, every fifth."""
+        """Moments whose waypoints were driven by the expert alone; of a long standstill, two of five."""
         rows, stood = [], 0
         for tick, views in self._moments:
             last = tick + _AHEAD[-1]
             if last < len(self._poses) and not any(self._noisy[tick:last]):
                 waypoints = [self._waypoints(tick, by) for by, _, _ in views]
                 stood = stood + 1 if np.abs(waypoints[0]).max() < STANDS_M else 0
-                if stood % STANDING_EVERY > 1:
+                if stood % OF >= KEPT:
                     continue
                 rows.append(([layers for _, layers, _ in views], [numbers for _, _, numbers in views], waypoints))
         return Moments.of(rows)
