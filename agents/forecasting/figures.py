@@ -19,7 +19,8 @@ from dohyo.evaluation.report.style import OKABE_ITO, label, template
 from dohyo.sumo_networks.arrays import FloatArray
 
 MEASURED, FORECAST = OKABE_ITO[7], OKABE_ITO[0]
-MOST_SEGMENTS, SHOWN_STEPS, WIDTH_PX, PANEL_PX = 4, 60, 1040, 260
+MOST_SEGMENTS, SHOWN_STEPS = 4, 60
+WIDTH_PX, PANEL_PX, TOP_PX = 1040, 220, 150
 
 
 def now_figure(forecast: Forecast, grid: Grid, unit: str) -> go.Figure:
@@ -99,5 +100,6 @@ def _clock(time_s: FloatArray) -> list[datetime]:
 def _finished(figure: go.Figure, title: str, caption: str, unit: str, segments: int) -> go.Figure:
     figure.update_layout(template=template(), title={"text": title, "subtitle": {"text": caption}})
     figure.update_yaxes(title_text=unit)
-    height = PANEL_PX * min(segments, MOST_SEGMENTS) + 120
-    return figure.update_layout(width=WIDTH_PX, height=height, showlegend=True, margin_t=112, legend={"y": 1.06})
+    height = PANEL_PX * min(segments, MOST_SEGMENTS) + TOP_PX + 60
+    legend_y = 1.0 + 26.0 / (height - TOP_PX - 48.0)  # above the first panel's title, below the subtitle
+    return figure.update_layout(width=WIDTH_PX, height=height, showlegend=True, margin_t=TOP_PX, legend={"y": legend_y})

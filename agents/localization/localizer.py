@@ -7,7 +7,7 @@ the vehicle set off, or from the first fix.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -77,12 +77,18 @@ class Localizer:
         rolling: Whether the journey began rolling.
     """
 
-    def __init__(self, settings: Settings | None = None, heading: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self,
+        settings: Settings | None = None,
+        heading: tuple[float, float] | None = None,
+        left_out: Collection[float] = (),
+    ) -> None:
         """Prepares for a journey.
 
         Args:
             settings: Of the localizer.
             heading: Heading with its standard deviation, rad, if known; for a standing start.
+            left_out: Times of fixes that are known as outliers: a start may weigh them, the filter does not use them.
 
         Raises:
             InvalidInputError: The smoother is asked of another filter than the ES-EKF.
@@ -99,6 +105,7 @@ class Localizer:
         self._began = math.inf
         self._held_at = self._levelled_at = -math.inf
         self.heading = heading
+        self._left_out = frozenset(left_out)
         self._standing = StandingStart(self.settings, heading, self._low_pass)
         self._rolling = RollingStart(self.settings)
         self._early: list[tuple[float, FloatArray, float] | Fix] = []
@@ -275,7 +282,7 @@ class Localizer:
             corrector.correct(LevelRoad.of(car.level_rad))
 
     def _correct(self, time: float, position: FloatArray, sigma_m: float) -> None:
-        if self._corrector is None or not self._uses_measurements:
+        if self._corrector is None or not self._uses_measurements or time in self._left_out:
             return
         late = self._time - time if self._time is not None else 0.0
         if abs(late) > SAME_TIME_S:

@@ -141,10 +141,8 @@ def smooth(
     """
     start = "rolling" if localizer.rolling else "standing"
     settings = localizer.settings.model_copy(update={"outliers": "none", "smooth": True, "start": start})
-    again = Localizer(settings, localizer.heading)
-    # What was left out before the filter ran was judged by the fit of a rolling start, which has its own weights.
-    left_out = {fix.time for fix in track.fixes if not fix.used and fix.time > localizer.aligned_at}
-    follow(again, times, samples, [fix for fix in fixes if fix.time not in left_out], wheel_speeds)
+    again = Localizer(settings, localizer.heading, left_out=[fix.time for fix in track.fixes if not fix.used])
+    follow(again, times, samples, fixes, wheel_speeds)
     if not isinstance(again.filter, RecordedEsEkf):
         raise InvalidInputError(f"smoother: expected the filter es-ekf, got {settings.filter}")
     states = again.filter.smoothed()

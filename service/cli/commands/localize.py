@@ -26,6 +26,7 @@ from dohyo.agents.localization.logs import (
     read_wheel_speeds,
 )
 from dohyo.agents.localization.settings import Settings
+from dohyo.agents.localization.study.example import write_example
 from dohyo.agents.localization.study.figures import error_figure, nis_figure, page, track_figure
 from dohyo.agents.localization.study.grid import FILTERS, grid, write_results
 from dohyo.agents.localization.study.grid import study as run_study
@@ -104,6 +105,7 @@ def localize(
         bool, typer.Option("--smooth/--no-smooth", help="Smooth the track of the es-ekf: RTS, which knows all fixes.")
     ] = True,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 3 if there is a warning.")] = False,
+    example: Annotated[Path | None, typer.Option(help="Write the logs of a simulated drive here; no others.")] = None,
     study: Annotated[bool, typer.Option("--study", help="Run the benchmark 'localization' instead; no logs.")] = False,
     seeds: Annotated[int, typer.Option(min=1, help="Number of error seeds of --study, each on three routes.")] = 1,
     json: Json = False,
@@ -116,8 +118,12 @@ def localize(
     if study:
         _study(filter_, seeds, out, json)
         return
+    if example:
+        for path in write_example(example):
+            console.print(f"written: {path}", soft_wrap=True)
+        return
     if imu is None or gnss is None:
-        raise InvalidInputError("expected --imu and --gnss, or --study")
+        raise InvalidInputError("expected --imu and --gnss, --example or --study")
     told = {"gnss_sigma_m": sigma, "alpha": alpha, "standing_s": standing}
     words = [f"{name}={value}" for name, value in told.items() if value is not None]
     words += [f'filter="{filter_}"'] if filter_ != "es-ekf" else []
