@@ -10,7 +10,10 @@ COMMANDS: dict[str, Command | Group] = {
         {
             "list": Command("network_list:list_networks", "Lists the networks of dohyo and those you imported."),
             "show": Command("networks:show", "Draws a network as a road map."),
-            "check": Command("networks:check", "Reports a network's size, and faults that would disturb a driver."),
+            "check": Command(
+                "networks:check",
+                "Reports a network's size, faults that would disturb a driver, and how much traffic it carries.",
+            ),
             "import": Command("networks:import_file", "Imports a road network into your catalog, and checks it."),
             "build": Command(
                 "networks:build", "Builds a network from plain XML; the same source gives the same bytes."
@@ -44,7 +47,7 @@ COMMANDS: dict[str, Command | Group] = {
     ),
     "evaluate": Command(
         "evaluate:evaluate",
-        "Evaluates an agent on a benchmark. Run again, it continues where it stopped.",
+        "Evaluates agents on a benchmark. Run again, it continues where it stopped.",
         resumes=True,
     ),
     "demo": Command(
@@ -64,7 +67,7 @@ COMMANDS: dict[str, Command | Group] = {
     ),
     "localize": Command(
         "localize:localize",
-        "Estimates a vehicle's track from IMU and GNSS logs, with warnings where the settings do not fit.",
+        "Estimates a vehicle's track from IMU and GNSS logs, whether it stands or drives at first.",
     ),
     "serve": Command("serve:serve", "Runs the service until SIGTERM or Ctrl-C, then lets running episodes end."),
     "worker": Command(
@@ -145,7 +148,7 @@ COMMANDS: dict[str, Command | Group] = {
             ),
             "run": Command(
                 "forecast:run",
-                "Forecasts the next three steps after the last row of a table, once or whenever it grows.",
+                "Forecasts the next three steps after the last row of a table, with intervals by the model's past errors.",
             ),
         },
     ),
