@@ -67,7 +67,7 @@ class LiveWorld:
 
     def resume(self) -> None:
         """Lets the world tick whenever all have decided; also before all egos have drivers."""
-        self.status = WorldStatus.RUNNING
+        self.status, self._allowed = WorldStatus.RUNNING, 0
         self._renew()
         self._advance()
 
@@ -109,6 +109,8 @@ class LiveWorld:
         Raises:
             InvalidInputError: There is no such ego.
             ConflictError: An ego has ended its drive, or another worker drives it.
+            GoneError: The world, or the drives of its egos, ended meanwhile.
+            BusyError: The simulation takes too long.
         """
         before = next((seat for seat in self.seats.values() if seat.spec.name == spec.name), None)
         self._check_free(egos, before)
