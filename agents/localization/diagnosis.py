@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dohyo.agents.localization.consistency import quantile
+from dohyo.agents.localization.filters.consistency import quantile
 from dohyo.agents.localization.outliers import GATE
 from dohyo.agents.localization.settings import Settings
 from dohyo.agents.localization.track import EstimatedTrack

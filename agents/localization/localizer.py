@@ -13,28 +13,30 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dohyo.agents.localization.calibration import NONE, Calibration
-from dohyo.agents.localization.es_ekf import EsEkf
-from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState, Innovation
-from dohyo.agents.localization.lowpass import LowPass
-from dohyo.agents.localization.measurements import AntennaPosition, LevelRoad, PointVelocity
+from dohyo.agents.localization.filters.base import Filter, FilterNoise, InitialState, Innovation
+from dohyo.agents.localization.filters.es_ekf import EsEkf
+from dohyo.agents.localization.filters.lowpass import LowPass
+from dohyo.agents.localization.filters.measurements import AntennaPosition, LevelRoad, PointVelocity
 from dohyo.agents.localization.outliers import CORRECTORS, Corrector, JudgedFix
-from dohyo.agents.localization.rolling_start import RollingStart
 from dohyo.agents.localization.settings import Settings
 from dohyo.agents.localization.smoother import RecordedEsEkf
-from dohyo.agents.localization.standing_start import NotStandingError, StandingStart
+from dohyo.agents.localization.starts.calibration import NONE, Calibration
+from dohyo.agents.localization.starts.rolling import RollingStart
+from dohyo.agents.localization.starts.standing import NotStandingError, StandingStart
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def _ekf(start: InitialState, noise: FilterNoise) -> Filter:
-    from dohyo.agents.localization.ekf import Ekf  # filterpy takes a second to import; most uses need only the ES-EKF
+    from dohyo.agents.localization.filters.ekf import (
+        Ekf,  # filterpy takes a second to import; most uses need only the ES-EKF
+    )
 
     return Ekf(start, noise)
 
 
 def _ukf(start: InitialState, noise: FilterNoise) -> Filter:
-    from dohyo.agents.localization.ukf import Ukf
+    from dohyo.agents.localization.filters.ukf import Ukf
 
     return Ukf(start, noise)
 

@@ -18,8 +18,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dohyo.agents.localization.filters import Filter, Innovation
-from dohyo.agents.localization.measurements import AntennaPosition, Measurement
+from dohyo.agents.localization.filters.base import Filter, Innovation
+from dohyo.agents.localization.filters.measurements import AntennaPosition, Measurement
 from dohyo.sumo_networks.arrays import FloatArray
 
 GATE = 21.1

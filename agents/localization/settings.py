@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from dohyo.agents.localization.filters import FilterNoise, Positive
-from dohyo.agents.localization.lowpass import ALPHA
-from dohyo.agents.localization.measurements import AT_IMU, Lever
+from dohyo.agents.localization.filters.base import FilterNoise, Positive
+from dohyo.agents.localization.filters.lowpass import ALPHA
+from dohyo.agents.localization.filters.measurements import AT_IMU, Lever
 from dohyo.sumo_networks.config import Config
 
 ROAD_NOISE = FilterNoise(accelerometer=0.05, gyroscope=1e-3, accelerometer_walk=2e-4, gyroscope_walk=2e-5)

@@ -12,10 +12,10 @@ from typing import Self
 import numpy as np
 from numba import njit
 
-from dohyo.agents.localization.attitude import exponential, heading_of, inverse, logarithm, normalised, product
-from dohyo.agents.localization.es_ekf import DT, QUATERNION, EsEkf, transition
-from dohyo.agents.localization.filters import FilterNoise, InitialState
-from dohyo.agents.localization.measurements import Measurement
+from dohyo.agents.localization.filters.attitude import exponential, heading_of, inverse, logarithm, normalised, product
+from dohyo.agents.localization.filters.base import FilterNoise, InitialState
+from dohyo.agents.localization.filters.es_ekf import DT, QUATERNION, EsEkf, transition
+from dohyo.agents.localization.filters.measurements import Measurement
 from dohyo.sumo_networks.arrays import FloatArray
 
 EVERY_S = 0.1

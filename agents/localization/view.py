@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.filters.base import FilterNoise
 from dohyo.agents.localization.localizer import FILTERS, Localizer
 from dohyo.agents.localization.settings import CarConstraint, Settings
 from dohyo.agents.planning.warm_up import empty_road

@@ -148,7 +148,7 @@ COMMANDS: dict[str, Command | Group] = {
             ),
             "run": Command(
                 "forecast:run",
-                "Forecasts the next three steps after the last row of a table, with intervals by the model's past errors.",
+                "Forecasts three steps after a table's last row, with intervals by the model's past errors.",
             ),
         },
     ),

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState
+from dohyo.agents.localization.filters.base import Filter, FilterNoise, InitialState
+from dohyo.agents.localization.filters.measurements import AntennaPosition
 from dohyo.agents.localization.localizer import FILTERS
-from dohyo.agents.localization.measurements import AntennaPosition
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import World
 

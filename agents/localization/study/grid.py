@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.filters.base import FilterNoise
+from dohyo.agents.localization.filters.lowpass import ALPHA
 from dohyo.agents.localization.localizer import Fix, Localizer
-from dohyo.agents.localization.lowpass import ALPHA
 from dohyo.agents.localization.settings import CarConstraint, Settings
 from dohyo.agents.localization.study.synthetic import ROUTES, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import EstimatedTrack, follow

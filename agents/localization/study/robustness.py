@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from dohyo.agents.localization.diagnosis import diagnose
-from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.filters.base import FilterNoise
 from dohyo.agents.localization.localizer import Fix, Localizer
 from dohyo.agents.localization.settings import Settings
 from dohyo.agents.localization.study.grid import score

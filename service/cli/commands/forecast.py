@@ -124,7 +124,7 @@ def run(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Forecasts the next three steps after the last row of a table, with intervals by the model's past errors."""
+    """Forecasts three steps after a table's last row, with intervals by the model's past errors."""
     from dohyo.agents.forecasting.data.reading import read_latest
     from dohyo.agents.forecasting.figures import now_figure
     from dohyo.agents.forecasting.now import forecast_now

@@ -14,8 +14,8 @@ import typer
 from rich.progress import MofNCompleteColumn, Progress
 
 from dohyo.agents.learning.files.settings import read_settings
-from dohyo.agents.localization.consistency import mean_bounds, quantile
 from dohyo.agents.localization.diagnosis import SettingsWarning, check_noise, diagnose
+from dohyo.agents.localization.filters.consistency import mean_bounds, quantile
 from dohyo.agents.localization.localizer import Localizer
 from dohyo.agents.localization.logs import (
     ImuLog,

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from dohyo.agents.localization.calibration import calibrate
-from dohyo.agents.localization.filters import FilterNoise
+from dohyo.agents.localization.filters.base import FilterNoise
 from dohyo.agents.localization.localizer import FILTERS, Fix, Localizer
 from dohyo.agents.localization.settings import CarConstraint, Settings
+from dohyo.agents.localization.starts.calibration import calibrate
 from dohyo.agents.localization.study.grid import fixes_of, score
 from dohyo.agents.localization.study.synthetic import DT, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import EstimatedTrack, follow

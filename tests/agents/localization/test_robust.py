@@ -12,11 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from dohyo.agents.localization.diagnosis import check_noise, diagnose, measured_noise
-from dohyo.agents.localization.es_ekf import EsEkf, motion_of
-from dohyo.agents.localization.filters import InitialState
+from dohyo.agents.localization.filters.base import InitialState
+from dohyo.agents.localization.filters.es_ekf import EsEkf, motion_of
+from dohyo.agents.localization.filters.measurements import AntennaPosition, LevelRoad, Measurement, PointVelocity
 from dohyo.agents.localization.localizer import Localizer
 from dohyo.agents.localization.logs import read_positions, read_wheel_speeds
-from dohyo.agents.localization.measurements import AntennaPosition, LevelRoad, Measurement, PointVelocity
 from dohyo.agents.localization.settings import Settings
 from dohyo.agents.localization.smoother import put_in
 from dohyo.agents.localization.study.grid import score

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from dohyo.agents.localization.attitude import exponential, matrix, normalised, product
-from dohyo.agents.localization.ekf import Ekf, _linearised
-from dohyo.agents.localization.es_ekf import EsEkf, integrate
-from dohyo.agents.localization.filters import Filter, FilterNoise, InitialState
-from dohyo.agents.localization.lowpass import LowPass, cut_off_hz, delay_s
-from dohyo.agents.localization.measurements import AntennaPosition
-from dohyo.agents.localization.ukf import Ukf, _moved
+from dohyo.agents.localization.filters.attitude import exponential, matrix, normalised, product
+from dohyo.agents.localization.filters.base import Filter, FilterNoise, InitialState
+from dohyo.agents.localization.filters.ekf import Ekf, _linearised
+from dohyo.agents.localization.filters.es_ekf import EsEkf, integrate
+from dohyo.agents.localization.filters.lowpass import LowPass, cut_off_hz, delay_s
+from dohyo.agents.localization.filters.measurements import AntennaPosition
+from dohyo.agents.localization.filters.ukf import Ukf, _moved
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.localization.test_es_ekf import some_state, start

@@ -13,8 +13,15 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter  # type: ignore[import-untyped]
 from numba import njit
 
-from dohyo.agents.localization.attitude import exponential, heading_of, matrix, normalised, product
-from dohyo.agents.localization.es_ekf import (
+from dohyo.agents.localization.filters.attitude import exponential, heading_of, matrix, normalised, product
+from dohyo.agents.localization.filters.base import (
+    CONDITIONING,
+    FilterNoise,
+    InitialState,
+    Innovation,
+    innovation,
+)
+from dohyo.agents.localization.filters.es_ekf import (
     ACCELEROMETER,
     GYROSCOPE,
     POSITION,
@@ -23,14 +30,7 @@ from dohyo.agents.localization.es_ekf import (
     integrate,
     motion_of,
 )
-from dohyo.agents.localization.filters import (
-    CONDITIONING,
-    FilterNoise,
-    InitialState,
-    Innovation,
-    innovation,
-)
-from dohyo.agents.localization.measurements import Measurement
+from dohyo.agents.localization.filters.measurements import Measurement
 from dohyo.sumo_networks.arrays import FloatArray
 
 

@@ -18,15 +18,15 @@ from filterpy.kalman import (  # type: ignore[import-untyped]
 )
 from numba import njit
 
-from dohyo.agents.localization.attitude import exponential, matrix
-from dohyo.agents.localization.filters import (
+from dohyo.agents.localization.filters.attitude import exponential, matrix
+from dohyo.agents.localization.filters.base import (
     CONDITIONING,
     FilterNoise,
     InitialState,
     Innovation,
     innovation,
 )
-from dohyo.agents.localization.measurements import Measurement, Motion, is_plain
+from dohyo.agents.localization.filters.measurements import Measurement, Motion, is_plain
 from dohyo.sumo_networks.arrays import FloatArray
 
 ALPHA, BETA, KAPPA = 0.1, 2.0, 0.0

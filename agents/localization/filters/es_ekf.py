@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numba import njit
 
-from dohyo.agents.localization.attitude import (
+from dohyo.agents.localization.filters.attitude import (
     exponential,
     heading_of,
     matrix,
@@ -23,14 +23,14 @@ from dohyo.agents.localization.attitude import (
     product,
     skew,
 )
-from dohyo.agents.localization.filters import (
+from dohyo.agents.localization.filters.base import (
     CONDITIONING,
     FilterNoise,
     InitialState,
     Innovation,
     innovation,
 )
-from dohyo.agents.localization.measurements import Measurement, Motion, is_plain
+from dohyo.agents.localization.filters.measurements import Measurement, Motion, is_plain
 from dohyo.sumo_networks.arrays import FloatArray
 
 POSITION, VELOCITY, QUATERNION = slice(0, 3), slice(3, 6), slice(6, 10)

@@ -9,8 +9,8 @@ from typing import Annotated, Protocol
 import numpy as np
 from pydantic import Field
 
-from dohyo.agents.localization.attitude import exponential, from_heading, normalised, product
-from dohyo.agents.localization.measurements import Measurement
+from dohyo.agents.localization.filters.attitude import exponential, from_heading, normalised, product
+from dohyo.agents.localization.filters.measurements import Measurement
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.ego.dynamics import GRAVITY

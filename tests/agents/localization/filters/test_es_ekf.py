@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 from filterpy.stats import mahalanobis
 
-from dohyo.agents.localization.attitude import exponential, from_heading, inverse, logarithm, normalised, product
-from dohyo.agents.localization.consistency import mean_bounds, nees, quantile
-from dohyo.agents.localization.es_ekf import DT, EsEkf, integrate, reset_jacobian, transition
-from dohyo.agents.localization.filters import CONDITIONING, FilterNoise, InitialState
-from dohyo.agents.localization.measurements import AntennaPosition, gnss_covariance
+from dohyo.agents.localization.filters.attitude import (
+    exponential,
+    from_heading,
+    inverse,
+    logarithm,
+    normalised,
+    product,
+)
+from dohyo.agents.localization.filters.base import CONDITIONING, FilterNoise, InitialState
+from dohyo.agents.localization.filters.consistency import mean_bounds, nees, quantile
+from dohyo.agents.localization.filters.es_ekf import DT, EsEkf, integrate, reset_jacobian, transition
+from dohyo.agents.localization.filters.measurements import AntennaPosition, gnss_covariance
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.sensors.imu import ICM_20600
 

@@ -15,9 +15,9 @@ import numpy as np
 from numba import njit
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
-from dohyo.agents.localization.attitude import exponential, from_heading, matrix, normalised, product
-from dohyo.agents.localization.es_ekf import integrate
-from dohyo.agents.localization.filters import InitialState
+from dohyo.agents.localization.filters.attitude import exponential, from_heading, matrix, normalised, product
+from dohyo.agents.localization.filters.base import InitialState
+from dohyo.agents.localization.filters.es_ekf import integrate
 from dohyo.agents.localization.settings import Settings
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.ego.dynamics import GRAVITY

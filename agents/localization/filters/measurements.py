@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from dohyo.agents.localization.attitude import skew
+from dohyo.agents.localization.filters.attitude import skew
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.sensors.gnss import VERTICAL
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dohyo.agents.localization.attitude import (
+from dohyo.agents.localization.filters.attitude import (
     exponential,
     from_heading,
     heading_of,

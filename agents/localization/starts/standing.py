@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dohyo.agents.localization.calibration import NONE, Calibration, calibrate
-from dohyo.agents.localization.es_ekf import integrate
-from dohyo.agents.localization.filters import InitialState
-from dohyo.agents.localization.lowpass import LowPass
+from dohyo.agents.localization.filters.base import InitialState
+from dohyo.agents.localization.filters.es_ekf import integrate
+from dohyo.agents.localization.filters.lowpass import LowPass
 from dohyo.agents.localization.settings import Settings
+from dohyo.agents.localization.starts.calibration import NONE, Calibration, calibrate
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -1,0 +1,1 @@
+"""Starts: the state in which a filter begins, standing or rolling."""
