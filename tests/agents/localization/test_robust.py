@@ -28,7 +28,7 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.sensors.gnss import GnssNoise
 from dohyo.sumo_networks.sensors.imu import ICM_20600
-from tests.agents.localization.test_es_ekf import some_state
+from tests.agents.localization.filters.test_es_ekf import some_state
 
 
 @cache

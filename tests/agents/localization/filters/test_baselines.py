@@ -16,7 +16,7 @@ from dohyo.agents.localization.filters.measurements import AntennaPosition
 from dohyo.agents.localization.filters.ukf import Ukf, _moved
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.agents.localization.test_es_ekf import some_state, start
+from tests.agents.localization.filters.test_es_ekf import some_state, start
 
 FORCE, RATE = np.array([1.0, 3.0, 9.8]), np.array([0.1, -0.2, 0.6])
 
