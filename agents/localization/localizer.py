@@ -1,7 +1,7 @@
 """Localizer: from the raw samples of an IMU and a GNSS receiver to a pose. Start, low-pass, filter.
 
-A journey begins at rest (`standing_start`) or rolling (`rolling_start`). Then the filter runs, from the moment at which
-the vehicle set off, or from the first fix.
+A journey begins at rest (`starts.standing`) or rolling (`starts.rolling`). Then the filter runs, from the moment at
+which the vehicle set off, or from the first fix.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def _ekf(start: InitialState, noise: FilterNoise) -> Filter:
-    from dohyo.agents.localization.filters.ekf import (
-        Ekf,  # filterpy takes a second to import; most uses need only the ES-EKF
-    )
+    # Filterpy takes a second to import; most uses need only the ES-EKF.
+    from dohyo.agents.localization.filters.ekf import Ekf
 
     return Ekf(start, noise)
 

@@ -1,7 +1,7 @@
 """PRIBOOT: waypoints from a coloured view from above, two PIDs, creeping, and rules that can be switched off.
 
     dohyo evaluate --agent priboot --benchmark leaderboard
-    dohyo evaluate --agent priboot --set rules=off --benchmark nocrash
+    dohyo evaluate --agent priboot --set rules=false --benchmark nocrash
 
 Source: Coelho 2024, chapter 5; see README.md for what is ours.
 """

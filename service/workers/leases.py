@@ -22,6 +22,7 @@ from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
 from dohyo.service.errors import ConflictError, GoneError, TooManyRequestsError, UnauthorisedError
 from dohyo.service.running.channel import FORMATS, SEEN, Fault, Kind
 from dohyo.service.running.process import End, Outcome
+from dohyo.service.wire.answering import answer_all
 from dohyo.service.wire.bodies import Directive, Reply, Step
 from dohyo.service.wire.messages import NOTHING, Format
 from dohyo.service.wire.requests import StaleTickError
@@ -282,7 +283,7 @@ class LeaseBook:
             return
         if kind is Kind.REFUSED:
             lease.moving, lease.refused = None, True
-            self._answer(lease, InvalidInputError(payload.decode()))
+            answer_all(lease.waiting, InvalidInputError(payload.decode()))
             return
         lease.episode.frame = payload
         if lease.waiting:
@@ -297,17 +298,7 @@ class LeaseBook:
         lease.answered, lease.reply, lease.tick = lease.tick, reply, tick
         lease.moving, lease.heard = None, time.monotonic()
         lease.due = lease.heard + lease.episode.order.act_deadline_s
-        self._answer(lease, reply)
-
-    def _answer(self, lease: Lease, answer: Reply | Exception) -> None:
-        waiting, lease.waiting = lease.waiting, []
-        for future in waiting:
-            if future.done():  # the request was cancelled
-                continue
-            if isinstance(answer, Exception):
-                future.set_exception(answer)
-            else:
-                future.set_result(answer)
+        answer_all(lease.waiting, reply)
 
     # Ends
 
@@ -324,13 +315,13 @@ class LeaseBook:
             tick, time_s, missed, clipped = SEEN.unpack_from(outcome.last or lease.episode.frame)
             lease.reply = Reply(tick, time_s, NOTHING, done=True, missed=missed, clipped=clipped, directive=directive)
             lease.answered = lease.tick
-            self._answer(lease, lease.reply)
+            answer_all(lease.waiting, lease.reply)
         self._end(lease, UNTOLD.get(outcome.end) or outcome.text or "the episode has ended")
 
     def _end(self, lease: Lease, why: str) -> None:
         lease.ended = lease.ended or why
         lease.worker.leases.discard(lease.id)
-        self._answer(lease, GoneError(f"lease lost: {lease.ended}"))
+        answer_all(lease.waiting, GoneError(f"lease lost: {lease.ended}"))
         self.fresh()
 
     def _time_out(self, lease: Lease) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.errors import GoneError
 from dohyo.service.wire.actions import checked_action
+from dohyo.service.wire.answering import answer_all
 from dohyo.service.wire.bodies import Reply
 from dohyo.service.wire.messages import pack
 from dohyo.sumo_networks.ego.control import Control, make_control
@@ -97,14 +98,7 @@ class Seat:
 
     def answer(self, answer: Reply | Exception) -> None:
         """Answers all requests that wait."""
-        waiting, self.waiting = self.waiting, []
-        for future in waiting:
-            if future.done():  # the request was cancelled
-                continue
-            if isinstance(answer, Exception):
-                future.set_exception(answer)
-            else:
-                future.set_result(answer)
+        answer_all(self.waiting, answer)
 
     def show(self, tick: int, time_s: float, seen: dict[str, msgspec.Raw], *, done: bool) -> None:
         """Answers the decision for the last tick with the next one."""

@@ -1,0 +1,19 @@
+"""Answering: one answer to all requests that wait for it."""
+
+from __future__ import annotations
+
+import asyncio
+
+from dohyo.service.wire.bodies import Reply
+
+
+def answer_all(waiting: list[asyncio.Future[Reply]], answer: Reply | Exception) -> None:
+    """Answers all requests that wait, and empties their list."""
+    for future in waiting:
+        if future.done():  # the request was cancelled
+            continue
+        if isinstance(answer, Exception):
+            future.set_exception(answer)
+        else:
+            future.set_result(answer)
+    waiting.clear()
