@@ -7,11 +7,10 @@ from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, Path, Request, Response
-from sqlalchemy.orm import Session
 
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.accounts.access import Caller, Holder, Submitter, WorkerCaller
-from dohyo.service.errors import ConflictError, NotFoundError, ServiceError
+from dohyo.service.errors import ConflictError, ServiceError
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached
 from dohyo.service.web.documents import After, Identifier, Limit, problems
@@ -22,6 +21,7 @@ from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.messages import decode_step
 from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
 from dohyo.service.worlds import queries
+from dohyo.service.worlds.access import find_world, live_world, world_of
 from dohyo.service.worlds.bodies import JoinRequest, Seated, StepRequest, WorldRequest
 from dohyo.service.worlds.book import record_path, records_folder
 from dohyo.service.worlds.model import World
@@ -90,28 +90,28 @@ async def get_world(identifier: Identifier, caller: Holder, services: ServicesOf
 @router.post("/worlds/{identifier}/resume", responses=problems(403, 404, 409, 413))
 async def resume_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> WorldView:
     """Lets a world tick, also before every ego has a driver."""
-    (await _live(services, caller, identifier)).resume()
+    (await live_world(services, caller, identifier)).resume()
     return await _view(services, caller, identifier)
 
 
 @router.post("/worlds/{identifier}/pause", responses=problems(403, 404, 409, 413))
 async def pause_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> WorldView:
     """Lets a world stand still after its present tick. Nobody is late meanwhile."""
-    (await _live(services, caller, identifier)).pause()
+    (await live_world(services, caller, identifier)).pause()
     return await _view(services, caller, identifier)
 
 
 @router.post("/worlds/{identifier}/step", responses=problems(403, 404, 409, 413))
 async def step_world(identifier: Identifier, order: StepRequest, caller: Submitter, services: ServicesOf) -> WorldView:
     """Lets a paused world go on for some ticks, each of which waits for all who joined."""
-    (await _live(services, caller, identifier)).allow(order.ticks)
+    (await live_world(services, caller, identifier)).allow(order.ticks)
     return await _view(services, caller, identifier)
 
 
 @router.post("/worlds/{identifier}/end", responses=problems(403, 404, 409, 413))
 async def end_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> WorldView:
     """Ends a world; its record says that its egos' drives were ended."""
-    world = await _live(services, caller, identifier)
+    world = await live_world(services, caller, identifier)
     services.worlds.end_later(world, "its owner ended the world")
     await services.worlds.ended(identifier)
     return await _view(services, caller, identifier)
@@ -121,7 +121,7 @@ async def end_world(identifier: Identifier, caller: Submitter, services: Service
 def delete_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
     """Deletes a world that has ended, with its record."""
     with services.database.session() as session:
-        row = _row(session, caller, identifier)
+        row = world_of(session, caller, identifier)
         if row.status.live:
             raise ConflictError("expected a world that has ended, this one is live; end it first")
         session.delete(row)
@@ -134,7 +134,7 @@ def delete_world(identifier: Identifier, caller: Submitter, services: ServicesOf
 def get_world_record(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
     """The record of a world that has ended, as `dohyo score` reads it. Its benchmark is null: it enters no ranking."""
     with services.database.reading() as session:
-        _recorded(_row(session, caller, identifier))
+        _recorded(world_of(session, caller, identifier))
     return Response(record_path(services.settings, identifier).read_bytes(), media_type="application/json")
 
 
@@ -146,7 +146,7 @@ def get_world_record(identifier: Identifier, caller: Holder, services: ServicesO
 def get_world_trajectory(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
     """Trajectories of a world that has ended as Parquet, one row per object and tick."""
     with services.database.reading() as session:
-        _recorded(_row(session, caller, identifier))
+        _recorded(world_of(session, caller, identifier))
     file = record_path(services.settings, identifier).with_suffix(".parquet").open("rb")
     return OpenFileResponse(file, media_type="application/vnd.apache.parquet", filename=f"{identifier}.parquet")
 
@@ -165,7 +165,7 @@ async def join_world(
     Who joins again by the same name with the same egos, sensors and control takes the place back where it was, such as
     after a crash. The messages of the old place are answered with 410.
     """
-    world = await _live(services, caller, identifier)
+    world = await live_world(services, caller, identifier)
     seat = await world.join(_spec(order), tuple(dict.fromkeys(order.egos)), caller.token_id or "")
     services.worlds.add_seat(world, seat)
     answered = formats_of(headers_of(request.scope))[1]
@@ -246,40 +246,11 @@ def _told(world: LiveWorld, seat: Seat) -> list[Any]:
     return [missions[ego].model_dump(mode="json", include={"name", "start", "goal", "via"}) for ego in seat.egos]
 
 
-def _row(session: Session, caller: Caller, identifier: str) -> World:
-    row = session.get(World, identifier)
-    if row is None or not caller.owns(row.owner):
-        raise NotFoundError(f"no world '{identifier}' of yours")
-    return row
-
-
 def _recorded(row: World) -> None:
     if row.record_hash is None:
         raise ConflictError("the world is live, or was not recorded to its end")
 
 
-async def _found(services: Services, caller: Caller, identifier: str) -> World:
-    def find() -> World:
-        with services.database.reading() as session:
-            return _row(session, caller, identifier)
-
-    return await asyncio.to_thread(find)
-
-
-async def _live(services: Services, caller: Caller, identifier: str) -> LiveWorld:
-    """A live world of the caller.
-
-    Raises:
-        NotFoundError: The caller has no such world.
-        ConflictError: It has ended.
-    """
-    await _found(services, caller, identifier)
-    world = services.worlds.find(identifier)
-    if world is None or world.ending:
-        raise ConflictError(f"world '{identifier}' has ended")
-    return world
-
-
 async def _view(services: Services, caller: Caller, identifier: str) -> WorldView:
     live = services.worlds.find(identifier)
-    return view_world(await _found(services, caller, identifier), live)
+    return view_world(await find_world(services, caller, identifier), live)
