@@ -101,7 +101,7 @@ def take_snapshot(network_name: str, seed: int) -> Snapshot:
     scenario = Scenario(network=network_name, missions=(anywhere,), traffic=TRAFFIC[network_name], seed=seed)
     simulation = Simulation(plan_scenario(network, scenario))
     try:
-        return Snapshot(network, seed, simulation.all_actors(), simulation.world)
+        return Snapshot(network, seed, simulation.all_actors()[1], simulation.world)
     finally:
         simulation.close()
 

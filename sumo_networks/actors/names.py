@@ -18,6 +18,7 @@ class Role(StrEnum):
     JAYWALKER = "jaywalker"
     OBSTACLE = "obstacle"
     EVENT = "event"
+    EXTERNAL = "external"
     EGO = "ego"
 
 
@@ -50,6 +51,11 @@ def event_actor(event: str, number: int) -> str:
 def event_vehicle(event: str, number: int) -> str:
     """Name of a vehicle that an event sends and SUMO drives."""
     return f"{Role.EVENT}:{event}-flow{number}"
+
+
+def external_actor(name: str) -> str:
+    """Name of an actor that another simulator moves."""
+    return f"{Role.EXTERNAL}:{name}"
 
 
 def ego_proxy(ego: str) -> str:

@@ -97,7 +97,8 @@ class ShowActor:
         heading: Heading of the box, rad.
         length: Length of the box, m.
         width: Width of the box, m.
-        across: Whether the actor moves across the road; its proxy is then turned along the lane.
+        across: Whether the actor moves across the road; its proxy is then turned along the lane. None: as its heading
+            says.
         edges: Any route of the network, since SUMO requires one for every vehicle.
     """
 
@@ -108,7 +109,7 @@ class ShowActor:
     heading: float
     length: float
     width: float
-    across: bool
+    across: bool | None
     edges: tuple[str, ...]
 
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -58,6 +58,10 @@ class Control(ABC):
 
     @abstractmethod
     def _command(self, action: FloatArray, world: World, ego: int) -> tuple[float, float]: ...
+
+    def repeated(self, action: FloatArray) -> FloatArray:
+        """Action of a tick for which no decision came, after the last action."""
+        return action
 
     def checked(self, action: object) -> FloatArray:
         """Returns the action as an array within the space's bounds.
@@ -203,7 +207,9 @@ def pure_pursuit(vehicle: VehicleParameters, x: float, y: float) -> float:
     return math.atan2(2.0 * vehicle.wheelbase * y, max(x * x + y * y, 1e-3))
 
 
-CONTROLS: dict[str, Callable[[VehicleParameters, float], Control]] = {
+Controls = Mapping[str, Callable[[VehicleParameters, float], Control]]
+
+CONTROLS: Controls = {
     "pedals_steering": PedalsSteering,
     "acceleration_steering": AccelerationSteering,
     "target_speed_steering": TargetSpeedSteering,
@@ -212,12 +218,12 @@ CONTROLS: dict[str, Callable[[VehicleParameters, float], Control]] = {
 }
 
 
-def make_control(name: str, vehicle: VehicleParameters, dt: float) -> Control:
+def make_control(name: str, vehicle: VehicleParameters, dt: float, among: Controls = CONTROLS) -> Control:
     """A control interface by name.
 
     Raises:
         UnknownNameError: No control interface has that name.
     """
-    if name not in CONTROLS:
-        raise UnknownNameError("control", name, CONTROLS)
-    return CONTROLS[name](vehicle, dt)
+    if name not in among:
+        raise UnknownNameError("control", name, among)
+    return among[name](vehicle, dt)

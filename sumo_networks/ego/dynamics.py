@@ -190,6 +190,23 @@ class Vehicles:
         self.motion = np.empty((len(self.states), substeps, 2))
         advance(self.states, commands, substeps, SUBSTEP_S, self._constants, self.motion)
 
+    def put(self, vehicle: int, centre: FloatArray, heading: float, speed: float, rates: tuple[float, float]) -> None:
+        """Puts a vehicle that is simulated elsewhere at its place after a tick.
+
+        Args:
+            vehicle: Number of the vehicle.
+            centre: (2,), m: centre of the box.
+            heading: rad.
+            speed: Speed along the heading, m/s.
+            rates: Acceleration [m/s^2] and yaw rate [rad/s] during the tick.
+        """
+        self.place(vehicle, centre.item(0), centre.item(1), heading, speed)
+        self.states[vehicle, ACCELERATION:] = rates
+        if speed > 0.0:
+            bend = math.atan(rates[1] * self.parameters.wheelbase / speed)
+            self.states[vehicle, STEERING] = min(max(bend, -self.parameters.max_steering), self.parameters.max_steering)
+        self.motion[vehicle] = rates
+
     def centres(self) -> FloatArray:
         """(E, 2), m: centres of the boxes."""
         return _centres(self.states, self.parameters.axle_to_centre)

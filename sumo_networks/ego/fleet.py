@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,10 +17,13 @@ from dohyo.sumo_networks.ego.dynamics import (
     VehicleParameters,
     Vehicles,
 )
+from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.world import Egos
+
+NOBODY: Mapping[int, Pose] = MappingProxyType({})
 
 
 class EgoFleet:
@@ -53,20 +57,30 @@ class EgoFleet:
         """Heading of one ego, rad."""
         return self._vehicles.states.item(ego, HEADING)
 
-    def advance(self, commands: FloatArray, seconds: float) -> None:
+    def advance(self, commands: FloatArray, seconds: float, poses: Mapping[int, Pose] = NOBODY) -> None:
         """Drives the active egos for a time.
 
         Args:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad]; rows of inactive egos are ignored.
             seconds: Length of the drive, a multiple of the substep of 0.01 s.
+            poses: Poses after that time of the active egos whose vehicles are simulated elsewhere.
         """
         before, ended = self.centres, ~self.active
         frozen = self._vehicles.states[ended]
+        earlier = {ego: self._vehicles.states[ego].copy() for ego in poses}
         self._vehicles.advance(commands, seconds)
         self._vehicles.states[ended] = frozen
+        for ego, pose in poses.items():
+            self._put(ego, pose, earlier[ego], seconds)
         self.centres = self._vehicles.centres()
         moved = self.centres - before
         self._driven = self._driven + np.hypot(moved[:, 0], moved[:, 1])
+
+    def _put(self, ego: int, pose: Pose, earlier: FloatArray, seconds: float) -> None:
+        heading, speed = wrap(pose.heading), pose.speed
+        acceleration = (speed - earlier.item(SPEED)) / seconds
+        yaw_rate = wrap(heading - earlier.item(HEADING)) / seconds
+        self._vehicles.put(ego, np.array(pose[:2]), heading, speed, (acceleration, yaw_rate))
 
     def read(self, before: Egos | None) -> Egos:
         """States of the egos, on their routes and on the lanes.

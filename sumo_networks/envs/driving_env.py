@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from dohyo.sumo_networks.actors.external import ExternalActors
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
+from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS, Pose, PoseControl
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -23,7 +25,7 @@ from dohyo.sumo_networks.sensors import Observation, Sensor, SensorConfig, Track
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
-from dohyo.sumo_networks.world import World
+from dohyo.sumo_networks.world import Actors, World
 
 SensorNames = Sequence[str | SensorConfig]
 
@@ -180,10 +182,14 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         if missing := [name for name in drove if name not in actions]:
             raise InvalidActionError(f"expected an action for every ego that drives, got none for {', '.join(missing)}")
         commands = np.zeros((len(self.possible_agents), 2))
+        poses: dict[int, Pose] = {}
         for name in drove:
             ego = self._index[name]
-            commands[ego] = self._controls[name].command(actions[name], before, ego)
-        self._running.tick(commands)
+            control = self._controls[name]
+            commands[ego] = control.command(actions[name], before, ego)
+            if isinstance(control, PoseControl):
+                poses[ego] = control.pose(actions[name])
+        self._running.tick(commands, poses)
         after = self.world
         cut = is_late(after, self.scenario.time_limit_s) or is_played_out(after, self.scenario.duration_s)
         rewards, terminations, truncations = {}, {}, dict.fromkeys(drove, cut)
@@ -221,15 +227,38 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
     def outfit(self, name: str, sensors: SensorNames, control: str) -> Observation:
         """Gives an ego other sensors and another control, as new ones at the start of an episode.
 
+        Args:
+            name: Name of the ego.
+            sensors: Names or configurations of its sensors.
+            control: Name from `pose.WORLD_CONTROLS`.
+
         Returns:
             What the new sensors read now.
 
         Raises:
             UnknownNameError: There is no such sensor or control; nothing has changed then.
         """
-        made = self._made_sensors(name, sensors), make_control(control, self._plan.vehicle, TICK_S)
+        taken = make_control(control, self._plan.vehicle, TICK_S, WORLD_CONTROLS)
+        made = self._made_sensors(name, sensors), taken
         self._sensors[name], self._controls[name] = made
         return self._observe([name])[name]
+
+    @property
+    def external(self) -> ExternalActors:
+        """Actors of another simulator, which may be put, moved and removed between two steps.
+
+        Raises:
+            InvalidInputError: The scenario replays a log.
+        """
+        return self._simulated().external
+
+    def all_actors(self) -> tuple[list[str], Actors]:
+        """Names and states of all actors in the whole network, except egos and external actors.
+
+        Raises:
+            InvalidInputError: The scenario replays a log.
+        """
+        return self._simulated().all_actors()
 
     def record(self, recorder: LogRecorder) -> None:
         """Adds the last tick to a log of all actors except the egos.
@@ -237,9 +266,12 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         Raises:
             InvalidInputError: The scenario itself replays a log.
         """
+        self._simulated().record(recorder)
+
+    def _simulated(self) -> Simulation:
         if not isinstance(self._running, Simulation):
-            raise InvalidInputError(f"scenario '{self.scenario.name}' replays a log; there is nothing to record")
-        self._running.record(recorder)
+            raise InvalidInputError(f"scenario '{self.scenario.name}' replays a log; SUMO does not simulate it")
+        return self._running
 
     def close(self) -> None:
         """Ends SUMO."""

@@ -1,6 +1,8 @@
-"""SUMO proxies: vehicles in SUMO that represent egos and scripted actors, so that the traffic reacts to them."""
+"""SUMO proxies: vehicles in SUMO that represent egos and other actors, so that the traffic reacts to them."""
 
 from __future__ import annotations
+
+import math
 
 import libsumo
 import numpy as np
@@ -49,11 +51,11 @@ class SumoProxies:
             self.hide(name)
 
     def show_actor(self, actor: ShowActor) -> None:
-        """Moves the proxy of a scripted actor to the actor; off the roads, or at an angle to them, it is hidden."""
+        """Moves the proxy of an actor to the actor; off the roads, or at an angle to them, it is hidden."""
         network = self._network
         lane, offset, error = network.nearest_lane(actor.x, actor.y, actor.heading, self._anywhere)
         beside = lane < 0 or abs(offset) > 0.5 * (network.lanes.width.item(lane) + actor.width) - GRAZED_M
-        askew = not actor.across and abs(error) > ALIGNED_RAD
+        askew = actor.across is False and abs(error) > ALIGNED_RAD
         if beside or askew or self._strayed(actor.name):
             self.hide(actor.name)
             return
@@ -63,6 +65,9 @@ class SumoProxies:
         length, width, heading = actor.length, actor.width, actor.heading
         if actor.across:
             length, width, heading = width, length, heading - error
+        elif actor.across is None and abs(error) > ALIGNED_RAD:
+            cos, sin = abs(math.cos(error)), abs(math.sin(error))
+            length, width, heading = length * cos + width * sin, length * sin + width * cos, heading - error
         vtype = "emergency" if actor.kind is ActorKind.EMERGENCY else "ego"
         front = ahead_of(actor.x, actor.y, heading, 0.5 * length)
         self._move(actor.name, vtype, (length, width), lane, front, heading)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.ego.fleet import NOBODY
+from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.simulation.plan import ScenarioPlan
@@ -38,18 +42,19 @@ class Replay:
         self._signals: IntArray = np.zeros(len(plan.network.signals.link), dtype=np.int64)
         self.world = self._read(self._fleet.read(None))
 
-    def tick(self, commands: FloatArray) -> World:
+    def tick(self, commands: FloatArray, poses: Mapping[int, Pose] = NOBODY) -> World:
         """Advances the world by 0.1 s.
 
         Args:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad]; rows of inactive egos are ignored.
+            poses: Poses after the tick of the active egos whose vehicles are simulated elsewhere.
 
         Raises:
             SimulationError: The log has ended.
         """
         if self._tick + 1 >= self._log.ticks:
             raise SimulationError(f"the log of scenario '{self.plan.scenario.name}' ends at tick {self._tick}")
-        self._fleet.advance(commands, TICK_S)
+        self._fleet.advance(commands, TICK_S, poses)
         self._tick += 1
         self.world = self._read(self._fleet.read(self.world.egos))
         return self.world

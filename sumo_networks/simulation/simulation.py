@@ -6,11 +6,12 @@ to it with moveToXY, so that the traffic reacts to the ego.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import libsumo
 import numpy as np
 
+from dohyo.sumo_networks.actors.external import ExternalActors
 from dohyo.sumo_networks.actors.names import ego_proxy
 from dohyo.sumo_networks.actors.requests import (
     CancelVehicle,
@@ -23,10 +24,13 @@ from dohyo.sumo_networks.actors.requests import (
 )
 from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.ego.fleet import NOBODY
+from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.events.manager import EventManager
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.simulation import sumo_traffic
+from dohyo.sumo_networks.simulation.external_actors import with_external
 from dohyo.sumo_networks.simulation.plan import ScenarioPlan
 from dohyo.sumo_networks.simulation.process import failing_as_simulation_error, set_impatience, start_sumo
 from dohyo.sumo_networks.simulation.proxies import SumoProxies
@@ -52,10 +56,12 @@ class Simulation:
     Attributes:
         plan: Plan of the scenario.
         world: World after the last tick.
+        external: Actors of another simulator, which may be put, moved and removed between two ticks.
     """
 
     world: World
     _survey: Survey | None
+    _everywhere: Survey | None
 
     def __init__(self, plan: ScenarioPlan) -> None:
         """Starts SUMO, lets the traffic warm up, places the egos at their starts, and reads the world at tick 0.
@@ -66,10 +72,11 @@ class Simulation:
         """
         traffic_seed, sumo_seed, events_seed, walkers_seed = np.random.SeedSequence(plan.scenario.seed).spawn(4)
         network, traffic, traffic_rng = plan.network, plan.scenario.traffic, np.random.default_rng(traffic_seed)
-        self.plan, self._tick, self._survey = plan, 0, None
+        self.plan, self._tick, self._survey, self._everywhere = plan, 0, None, None
         self._fleet = plan.fleet()
         self._proxy_names = tuple(ego_proxy(name) for name in plan.egos)
         self._registry = ActorRegistry(network, plan.scenario.obstacles)
+        self.external = ExternalActors()
         self._surroundings = Surroundings(traffic, len(plan.egos))
         self._proxies = SumoProxies(network, plan.vehicle, self._proxy_names)
         self._population = Population(network, traffic, traffic_rng, sumo_traffic.way_on_foot)
@@ -87,16 +94,17 @@ class Simulation:
             self.close()
             raise
 
-    def tick(self, commands: FloatArray) -> World:
+    def tick(self, commands: FloatArray, poses: Mapping[int, Pose] = NOBODY) -> World:
         """Advances the world by 0.1 s.
 
         Args:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad]; rows of inactive egos are ignored.
+            poses: Poses after the tick of the active egos whose vehicles are simulated elsewhere.
 
         Raises:
             SimulationError: SUMO failed.
         """
-        self._fleet.advance(commands, TICK_S)
+        self._fleet.advance(commands, TICK_S, poses)
         egos = self._fleet.read(self.world.egos)
         with failing_as_simulation_error(self._tick):
             for ego in np.flatnonzero(self._fleet.active):
@@ -104,6 +112,7 @@ class Simulation:
             if self.plan.scenario.events:
                 self._apply(self._events.update(self.world, egos, sumo_traffic.departed(), TICK_S))
             self._apply(self._jaywalkers.update(TICK_S, sumo_traffic.vehicles_near, self.plan.routes[0].edges))
+            self._apply(self.external.requests(self.plan.routes[0].edges))
             self.keep_population(self._fleet.centres)
             libsumo.simulationStep()
         self._tick += 1
@@ -134,10 +143,11 @@ class Simulation:
         names, actors = self._survey.read(self._proxies.names, self._scripted, self._registry.obstacles())
         recorder.append(names, actors, self.world.signals)
 
-    def all_actors(self) -> Actors:
-        """All actors in the whole network except the egos; keys are row numbers."""
-        everywhere = Survey(self.plan.network, None)
-        return everywhere.read(self._proxies.names, self._scripted, self._registry.obstacles())[1]
+    def all_actors(self) -> tuple[list[str], Actors]:
+        """Names and states of all actors of the network, except egos and external ones; keys are row numbers."""
+        if self._everywhere is None:
+            self._everywhere = Survey(self.plan.network, None)
+        return self._everywhere.read(self._proxies.names, self._scripted, self._registry.obstacles())
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
@@ -233,6 +243,8 @@ class Simulation:
         actors = self._registry.read(readings)
         if scripted := self._scripted:
             actors = with_scripted(actors, scripted, egos, self._registry, self.plan.network)
+        if len(self.external):
+            actors = with_external(actors, self.external, egos, self._registry, self.plan.network)
         return World(
             tick=self._tick,
             time=self._tick * TICK_S,

@@ -162,7 +162,7 @@ def test_an_environment_is_truncated_when_its_duration_is_over() -> None:
         _, _, _, truncations, _ = env.step({"ego": np.zeros(2, dtype=np.float32)})
         ticks, ended = ticks + 1, truncations["ego"]
     assert ticks == TICKS
-    with pytest.raises(InvalidInputError, match="nothing to record"):
+    with pytest.raises(InvalidInputError, match="replays a log"):
         env.record(LogRecorder())
 
 

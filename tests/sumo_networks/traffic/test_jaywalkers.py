@@ -166,7 +166,7 @@ def test_a_share_of_the_pedestrians_are_jaywalkers_and_the_traffic_runs_no_one_o
     for _ in range(900):
         world = simulation.tick(np.zeros((1, 2)))
         met |= {name for name in names(world) if name.startswith("jaywalker")}
-        everyone = simulation.all_actors()
+        everyone = simulation.all_actors()[1]
         walkers = everyone.kind == ActorKind.PEDESTRIAN
         boxes, drivers = everyone.boxes()[walkers], everyone.boxes()[everyone.kind <= int(ActorKind.BUS)]
         near = np.hypot(*(boxes[:, None, :2] - drivers[None, :, :2]).T) < 0.9
