@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
 
 BERLIN = (52.5, 13.4)
 BLACKPOOL = (53.8, -3.0)
@@ -55,3 +58,13 @@ def _extract(nodes: Sequence[tuple[float, float]], ways: Sequence[tuple[Sequence
         for id_, (members, tags) in enumerate(ways, start=10)
     )
     return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', '<osm version="0.6">', *points, *roads, "</osm>", ""])
+
+
+def as_pbf(extract: Path) -> Path:
+    """Writes an extract beside itself as .osm.pbf, and returns its path."""
+    osmium = pytest.importorskip("osmium")
+    packed = extract.with_suffix(".osm.pbf")
+    with osmium.SimpleWriter(str(packed), overwrite=True) as writer:
+        for one in osmium.FileProcessor(str(extract)):
+            writer.add(one)
+    return packed

@@ -56,6 +56,8 @@ def _viewed(name: str, sha256: str) -> NetworkView:
         source=entry.source,
         origin="dohyo" if name in builtin_names() else "upload",
         sha256=sha256,
+        mirrored=entry.mirrored,
+        guessed=list(entry.guessed),
         **network_size(network).model_dump(),
         bounds=[round(value, 2) for value in network.bounds],
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,10 +23,8 @@ LIMITS: Final = Limits(wall_s=300.0, cpu_s=280, memory_mb=4000, file_mb=1000, fo
 def import_confined(
     file: Path,
     name: str,
+    options: ImportOptions,
     *,
-    lights: bool,
-    limit_mb: float,
-    licence: str | None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
     """Adds an uploaded network to the catalog; blocks, so call it from a thread.
@@ -33,9 +32,7 @@ def import_confined(
     Args:
         file: The uploaded file.
         name: Name of the new network.
-        lights: Whether to guess traffic lights at large junctions too.
-        limit_mb: Largest size of the file, packed or unpacked, MB.
-        licence: Licence of the source's data; None: the usual one of its format.
+        options: Choices of the import; the confined process has its own time limit.
         stopped: Asked now and then; once true, the import is ended.
 
     Raises:
@@ -43,7 +40,9 @@ def import_confined(
         BusyError: Too many imports are running.
         StorageFullError: The disk is full.
     """
-    arguments = {"file": str(file), "name": name, "lights": lights, "limit_mb": limit_mb, "licence": licence}
+    # The runner ends netconvert before this limit.
+    options = replace(options, timeout_s=10 * LIMITS.wall_s)
+    arguments = {"file": str(file), "name": name, "options": asdict(options)}
     with private_folder() as folder:
         environment = {"DOHYO_CACHE": str(folder / "cache")}
         try:
@@ -74,10 +73,5 @@ def prepare(arguments: Mapping[str, Any]) -> None:
     """Converts and checks a file in the private folder, which is the working directory of the confined process."""
     entry = Path.cwd() / "entry"
     entry.mkdir()
-    options = ImportOptions(
-        lights=arguments["lights"],
-        limit_mb=arguments["limit_mb"],
-        licence=arguments["licence"],
-        timeout_s=10 * LIMITS.wall_s,  # the runner ends it before
-    )
+    options = ImportOptions(**arguments["options"])
     prepare_network(Path(arguments["file"]), arguments["name"], entry, options)

@@ -9,6 +9,7 @@ from dohyo.service.jobs.kind import Kind, Made, Task
 from dohyo.service.networks import claims
 from dohyo.service.networks.finding import find_network, view_network
 from dohyo.service.networks.importing import LIMITS, import_confined
+from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_folder, network_names
 
 
@@ -39,14 +40,8 @@ def _convert(task: Task, name: str) -> None:
     given, file = task.arguments, task.file.with_name(f"{name}{task.arguments['suffix']}")
     if not file.exists():
         task.file.rename(file)
-    import_confined(
-        file,
-        name,
-        lights=given["lights"],
-        limit_mb=task.services.settings.upload_limit_bytes * 4 / MEGABYTE,
-        licence=given["licence"],
-        stopped=task.stop.is_set,
-    )
+    limit_mb = task.services.settings.upload_limit_bytes * 4 / MEGABYTE
+    import_confined(file, name, ImportOptions(**given["options"], limit_mb=limit_mb), stopped=task.stop.is_set)
 
 
 IMPORT: Final = Kind("network_import", import_roads, limit_s=LIMITS.wall_s + 60.0)

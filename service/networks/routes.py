@@ -13,7 +13,8 @@ from fastapi.responses import Response
 from dohyo.service.accounts.access import Reader, Submitter
 from dohyo.service.errors import ForbiddenError
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
-from dohyo.service.networks.finding import check_free, find_network, view_network
+from dohyo.service.networks.finding import find_network, view_network
+from dohyo.service.networks.form import FORM, import_arguments
 from dohyo.service.networks.kinds import IMPORT
 from dohyo.service.networks.map import Box, packed_map
 from dohyo.service.networks.model import UploadedNetwork
@@ -22,23 +23,12 @@ from dohyo.service.state import ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.heavy import Heavy
-from dohyo.service.web.uploads import Upload, form_body, receive_upload
+from dohyo.service.web.uploads import receive_upload
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.conversion.sources import SUFFIXES
 from dohyo.sumo_networks.networks.entries import builtin_names, network_names
 from dohyo.sumo_networks.networks.importing import retract_network
-from dohyo.sumo_networks.networks.parsing import file_hash
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
-
-FORM = form_body(
-    ["name"],
-    {
-        "name": {"type": "string", "pattern": "^[a-z0-9][a-z0-9-]{0,62}$", "examples": ["my-town"]},
-        "lights": {"type": "string", "enum": ["true", "false"], "description": "Guess lights at large junctions."},
-        "licence": {"type": "string", "maxLength": 200},
-    },
-)
 
 Coordinate = Annotated[float | None, Query(description="Corner of the part to show, m; all four or none.")]
 
@@ -112,10 +102,13 @@ def _map(name: str, box: Box | None, accept_encoding: str, if_none_match: str) -
 async def create_network(
     request: Request, caller: Submitter, services: ServicesOf, wait_s: Wait, idempotency_key: IdempotencyKey = None
 ) -> Any:
-    """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file in a job; a failed import leaves nothing."""
+    """Imports a SUMO net, an OpenStreetMap extract or an OpenDRIVE file in a job; a failed import leaves nothing.
+
+    The sender's file name must end as such files do, packed ones too.
+    """
     await run_in_threadpool(check_room, services, caller.owner)
     async with receive_upload(request, services.settings.upload_limit_bytes) as given:
-        arguments = await run_in_threadpool(_arguments, given)
+        arguments = await run_in_threadpool(import_arguments, given)
         job = await order_job(services, caller.owner, IMPORT.name, arguments, file=given.path, key=idempotency_key)
     return await answer_job(services, job, wait_s)
 
@@ -130,32 +123,6 @@ def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
             raise ForbiddenError(f"network '{name}' is not yours")
         session.delete(row)
         retract_network(name)
-
-
-def _arguments(given: Upload) -> dict[str, Any]:
-    """Arguments of an import, from the form."""
-    name, lights = given.fields.get("name", ""), given.fields.get("lights", "false")
-    licence = given.fields.get("licence") or None
-    check_free(name)
-    if lights not in ("true", "false"):
-        raise InvalidInputError("lights: expected true or false")
-    if licence is not None and (len(licence) > 200 or not licence.isprintable()):
-        raise InvalidInputError("licence: expected at most 200 printable characters")
-    # Only the suffix of the sender's file name is used.
-    suffix = next((end for end in (f"{one}{gz}" for one in SUFFIXES for gz in ("", ".gz")) if _ends(given, end)), None)
-    if suffix is None:
-        raise InvalidInputError(f"file: expected a name that ends in {', '.join(SUFFIXES)} (each also with .gz)")
-    return {
-        "name": name,
-        "suffix": suffix,
-        "lights": lights == "true",
-        "licence": licence,
-        "sha256": file_hash(given.path),
-    }
-
-
-def _ends(given: Upload, suffix: str) -> bool:
-    return given.name.lower().endswith(suffix)
 
 
 def _box(*corners: float | None) -> Box | None:

@@ -18,6 +18,10 @@ class NetworkView(View):
     source: str
     origin: Annotated[Literal["dohyo", "upload"], Field(description="Whether it came with dohyo.")]
     sha256: Version
+    mirrored: Annotated[
+        bool, Field(description="Whether it is the mirror image of a place with left-hand traffic: all drive right.")
+    ]
+    guessed: Annotated[list[str], Field(description="Guesses and repairs of its import, one line each.")]
     lanes: Annotated[int, Field(description="For cars, outside junctions.")]
     lane_km: float
     lights: int

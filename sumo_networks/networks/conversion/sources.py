@@ -25,17 +25,24 @@ def kind_of(file: Path) -> Kind:
     Raises:
         InvalidInputError: The name has another ending.
     """
-    name = file.name.lower()
-    if name.endswith(PBF):
-        return "osm"
-    for packed in PACKED:
-        name = name.removesuffix(packed)
-    for suffix, kind in SUFFIXES.items():
-        if name.endswith(suffix):
-            return kind
-    raise InvalidInputError(
-        f"'{file}': expected a file that ends in {', '.join(SUFFIXES)} (each also with {' or '.join(PACKED)}) or {PBF}"
-    )
+    suffix = file_suffix(str(file))
+    return next((SUFFIXES[known] for known in SUFFIXES if suffix.startswith(known)), "osm")
+
+
+def file_suffix(name: str) -> str:
+    """Ending of a road file's name, in small letters and with that of its packing.
+
+    Raises:
+        InvalidInputError: The name has another ending.
+    """
+    endings = [f"{suffix}{packed}" for suffix in SUFFIXES for packed in ("", *PACKED)] + [PBF]
+    found = next((ending for ending in endings if name.lower().endswith(ending)), None)
+    if found is None:
+        raise InvalidInputError(
+            f"'{name}': expected a file that ends in {', '.join(SUFFIXES)} (each also with {' or '.join(PACKED)}) or "
+            f"{PBF}"
+        )
+    return found
 
 
 def unpack(file: Path, limit_mb: float, plain: Path) -> Census:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import bz2
 import gzip
 import math
 from pathlib import Path
@@ -13,7 +14,9 @@ from dohyo.service.jobs.kind import Task
 from dohyo.service.networks import kinds
 from dohyo.service.networks.map import map_document
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_path
+from tests.extracts import BLACKPOOL, as_pbf, crossroads
 from tests.service.harness import Caller, Harness, assert_problem
 
 PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
@@ -105,9 +108,10 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
     """And another owner's job that was ordered at the same time does not take it."""
     team, real, refusals = service.caller("team"), kinds.import_confined, list[str]()
 
-    def then_the_other(file: Path, name: str, **options: Any) -> None:
-        real(file, name, **options)
-        other = Task("job-other", "other", options | {"name": name, "suffix": ".net.xml"}, file, service.services)
+    def then_the_other(file: Path, name: str, options: ImportOptions, **more: Any) -> None:
+        real(file, name, options, **more)
+        given = {"name": name, "suffix": ".net.xml", "options": {}}
+        other = Task("job-other", "other", given, file, service.services)
         with pytest.raises(ConflictError) as refused:
             kinds.import_roads(other)
         refusals.append(str(refused.value))
@@ -130,6 +134,18 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
     assert_problem(service.client.get("/v1/networks/my-town"), 404)
 
 
+def test_an_extract_is_unpacked_and_mirrored_as_its_country_says(service: Harness, tmp_path: Path) -> None:
+    team, there = service.caller("team"), tmp_path / "blackpool.osm"
+    there.write_text(crossroads(BLACKPOOL), encoding="utf-8")
+    chosen = {"name": "chosen", "side": "right", "country": "DE", "largest_part": "true", "fix": "true"}
+    usual = upload(team, bz2.compress(there.read_bytes()), "Blackpool.OSM.BZ2").json()
+    right = upload(team, as_pbf(there).read_bytes(), "blackpool.osm.pbf", **chosen).json()
+    assert (usual["mirrored"], right["mirrored"]) == (True, False)
+    assert usual["guessed"][0].startswith("country GB")
+    assert right["guessed"][0].startswith("country DE")
+    assert usual["lanes"] == right["lanes"]
+
+
 @pytest.mark.parametrize(
     ("content", "file", "fields", "status", "says"),
     [
@@ -138,6 +154,9 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
         (PLAIN, "town.net.xml", {"name": "ingolstadt"}, 409, "ingolstadt"),
         (PLAIN, "town.zip", {}, 422, ".net.xml"),
         (PLAIN, "town.net.xml", {"lights": "maybe"}, 422, "lights"),
+        (PLAIN, "town.net.xml", {"side": "both"}, 422, "side: expected left or right"),
+        (PLAIN, "town.net.xml", {"country": "Atlantis"}, 422, "no country named 'ATLANTIS'"),
+        (PLAIN, "town.net.xml", {"country": "GB"}, 422, "OpenStreetMap files only"),
         (PLAIN, "town.net.xml", {"licence": "a\nb"}, 422, "licence"),
         (b"<net></nonsense>", "town.net.xml", {}, 422, "XML"),
         (b'<!DOCTYPE net [<!ENTITY a SYSTEM "file:///etc/passwd">]><net>&a;</net>', "t.net.xml", {}, 422, "DOCTYPE"),

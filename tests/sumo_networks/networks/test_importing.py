@@ -24,7 +24,7 @@ from dohyo.sumo_networks.networks.importing import Imported, import_network
 from dohyo.sumo_networks.networks.inspection import inspect_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
-from tests.extracts import crossroads
+from tests.extracts import as_pbf, crossroads
 from tests.forked import Python
 
 TOWN = CATALOG / "town-test" / "town-test.net.xml"
@@ -98,20 +98,13 @@ def test_a_net_without_sidewalks_gets_them_and_says_so(tmp_path: Path) -> None:
     assert network_entry("guessed").guessed == done.report.guessed
 
 
-def pbf(path: Path) -> None:
-    osmium = pytest.importorskip("osmium")
-    with osmium.SimpleWriter(str(path), overwrite=True) as writer:
-        for one in osmium.FileProcessor(str(path.with_name("crossroads.osm"))):
-            writer.add(one)
-
-
 @pytest.mark.parametrize(
     ("name", "write"),
     [
         ("crossroads.osm", lambda path: None),
         ("crossroads.osm.xml.gz", lambda path: path.write_bytes(gzip.compress(OSM.encode()))),
         ("Crossroads.OSM.BZ2", lambda path: path.write_bytes(bz2.compress(OSM.encode()))),
-        ("crossroads.osm.pbf", pbf),
+        ("crossroads.osm.pbf", lambda path: as_pbf(path.with_name("crossroads.osm"))),
     ],
 )
 def test_openstreetmap(osm: Path, name: str, write: Callable[[Path], None]) -> None:
