@@ -54,13 +54,14 @@ from dohyo.service.webhooks import routes as webhooks
 from dohyo.service.webhooks.delivery import Deliverer
 from dohyo.service.workers import routes as workers
 from dohyo.service.worlds import routes as worlds
+from dohyo.service.worlds import seat_routes as seats
 
 ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
         *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
-        *(webhooks, workers, worlds, signing, service_metrics),
+        *(webhooks, workers, worlds, seats, signing, service_metrics),
     )
 )
 

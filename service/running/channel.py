@@ -34,6 +34,7 @@ class Kind(IntEnum):
     IMPOSSIBLE = 8  # text: the order can never be driven
     FAILED = 9  # text: an internal error
     DRIVERS = 10  # JSON: new drivers of a world's egos; to the process
+    RESET = 14  # JSON: a world begins anew; to the process
 
 
 class Fault(StrEnum):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from typing import TypeVar
 
 from dohyo.service.wire.bodies import Reply
 
+R = TypeVar("R", bound=Reply)
 
-def answer_all(waiting: list[asyncio.Future[Reply]], answer: Reply | Exception) -> None:
+
+def answer_all(waiting: list[asyncio.Future[R]], answer: R | Exception) -> None:
     """Answers all requests that wait, and empties their list."""
     for future in waiting:
         if future.done():  # the request was cancelled

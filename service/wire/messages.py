@@ -10,7 +10,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from dohyo.service.wire.bodies import Step
 from dohyo.sumo_networks.errors import InvalidInputError
 
+S = TypeVar("S", bound=msgspec.Struct)
 DTYPES = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "bool")
 MOST_VALUES = 1_000_000
 MOST_DIMENSIONS = 8
@@ -31,7 +32,6 @@ class Format(StrEnum):
 
 
 _msgpack, _json = msgspec.msgpack.Encoder(), msgspec.json.Encoder()
-_msgpack_steps, _json_steps = msgspec.msgpack.Decoder(Step), msgspec.json.Decoder(Step)
 
 NOTHING = msgspec.Raw(b"\x80")
 """Empty observations: an empty msgpack map."""
@@ -70,16 +70,27 @@ def decode(body: bytes, fmt: Format) -> Any:
         raise InvalidInputError(f"expected a body of {fmt}, got {len(body)} bytes: {error}") from None
 
 
+def decode_as(body: bytes, fmt: Format, struct: type[S], expected: str) -> S:
+    """Decodes a document of a struct, of which `Raw` parts stay encoded.
+
+    Raises:
+        InvalidInputError: The body is no such document, in words `expected`.
+    """
+    try:
+        if fmt is Format.MSGPACK:
+            return msgspec.msgpack.decode(body, type=struct)
+        return msgspec.json.decode(body, type=struct)
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise InvalidInputError(f"expected {expected} in {fmt}, got {len(body)} bytes: {error}") from None
+
+
 def decode_step(body: bytes, fmt: Format) -> Step:
     """Decodes a step except its actions.
 
     Raises:
         InvalidInputError: The body is not a step.
     """
-    try:
-        return (_msgpack_steps if fmt is Format.MSGPACK else _json_steps).decode(body)
-    except (msgspec.DecodeError, RecursionError, ValueError) as error:
-        raise InvalidInputError(f"expected {{tick, actions}} in {fmt}, got {len(body)} bytes: {error}") from None
+    return decode_as(body, fmt, Step, "{tick, actions}")
 
 
 def encode_observations(observations: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:

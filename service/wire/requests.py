@@ -45,21 +45,21 @@ def formats_of(headers: dict[bytes, bytes]) -> tuple[Format, Format]:
     return taken, answered or taken
 
 
-async def body_of(headers: dict[bytes, bytes], receive: Receive) -> bytes:
-    """The whole body; a body that is too large is refused before it is read.
+async def body_of(headers: dict[bytes, bytes], receive: Receive, limit: int = BODY_LIMIT) -> bytes:
+    """The whole body; a body of more than `limit` bytes is refused before it is read.
 
     Raises:
         TooLargeError: The body is too large.
     """
     told = headers.get(b"content-length", b"0")
-    if told.isdigit() and int(told) > BODY_LIMIT:
-        raise TooLargeError(BODY_LIMIT)
+    if told.isdigit() and int(told) > limit:
+        raise TooLargeError(limit)
     body = b""
     while True:
         message = await receive()
         body += message.get("body", b"")
-        if len(body) > BODY_LIMIT:
-            raise TooLargeError(BODY_LIMIT)
+        if len(body) > limit:
+            raise TooLargeError(limit)
         if not message.get("more_body", False):
             return bytes(body)
 

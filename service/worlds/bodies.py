@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from dohyo.service.wire.bodies import Observations, Tick, ToldMission
+from dohyo.service.wire.bodies import Observations, Reply, Step, Tick, ToldMission
+from dohyo.service.worlds.actors import ActorChange, ShownActor
+from dohyo.service.worlds.clock import Pace
 from dohyo.service.worlds.order import Late, Undriven
 
 Text = Annotated[str, Field(min_length=1, max_length=100)]
+Speed = Annotated[float, Field(ge=0.01, le=100)]
 
 
 class WorldRequest(BaseModel):
@@ -26,6 +29,9 @@ class WorldRequest(BaseModel):
         deadline_s: Time for one decision, s; by default as for episodes.
         late: What happens to a driver that is late: its last decision is repeated, or it loses its place.
         record: Whether the world is recorded; the record is not ranked.
+        pace: lockstep: each tick waits for all decisions; realtime: it begins when its time has come.
+        speed: Simulated seconds per second of the wall clock, in real time.
+        stays: Whether the world stays when all egos have ended their drives, until it is reset or ended.
     """
 
     model_config = ConfigDict(
@@ -41,6 +47,9 @@ class WorldRequest(BaseModel):
     deadline_s: Annotated[float | None, Field(ge=0.1, le=600)] = None
     late: Late = "repeat"
     record: bool = False
+    pace: Pace = "lockstep"
+    speed: Speed = 1.0
+    stays: bool = False
 
     @model_validator(mode="after")
     def _one_scenario(self) -> WorldRequest:
@@ -54,7 +63,8 @@ class JoinRequest(BaseModel):
 
     Attributes:
         name: Name of the worker in the world; who joins again by the same name takes the place back.
-        egos: Egos that it drives.
+        egos: Egos that it drives; none: only for a simulator that is coupled.
+        coupled: Whether it is a simulator that sees all egos and the traffic, and puts actors of its own.
     """
 
     model_config = ConfigDict(
@@ -67,10 +77,17 @@ class JoinRequest(BaseModel):
     )
 
     name: Text
-    egos: Annotated[list[Text], Field(min_length=1, max_length=64)]
+    egos: Annotated[list[Text], Field(max_length=64)] = []
+    coupled: bool = False
     track: Literal["sensors", "map", "privileged"] = "map"
     sensors: Annotated[list[Text], Field(min_length=1, max_length=50)] = ["speedometer", "route"]
     control: Text = "target_speed_steering"
+
+    @model_validator(mode="after")
+    def _an_ego_or_coupled(self) -> JoinRequest:
+        if not self.egos and not self.coupled:
+            raise ValueError("expected egos to drive, or coupled: true")
+        return self
 
 
 class StepRequest(BaseModel):
@@ -85,6 +102,47 @@ class StepRequest(BaseModel):
     ticks: Annotated[int, Field(ge=1, le=100_000)] = 1
 
 
+class ResetRequest(BaseModel):
+    """A new beginning of a world.
+
+    Attributes:
+        seed: Seed of the scenario; by default the present one.
+    """
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"seed": 7}]})
+
+    seed: Annotated[int | None, Field(ge=0, lt=2**31)] = None
+
+
+class PaceRequest(BaseModel):
+    """The pace of a world, from now on.
+
+    Attributes:
+        pace: lockstep: each tick waits for all decisions; realtime: it begins when its time has come.
+        speed: Simulated seconds per second of the wall clock, in real time.
+    """
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"pace": "realtime", "speed": 2.0}]})
+
+    pace: Pace = "realtime"
+    speed: Speed = 1.0
+
+
+class WorldStep(Step, kw_only=True):
+    """Decisions of a place for one tick."""
+
+    actors: Annotated[ActorChange | None, Meta(description="Only of a place that is coupled.")] = None
+
+
+class WorldReply(Reply, kw_only=True):
+    """Answer to a step, or what a place observes now."""
+
+    resets: Annotated[int, Meta(description="How often the world has begun anew.")] = 0
+    actors: Annotated[
+        list[ShownActor] | UnsetType, Meta(description="All egos and the traffic; only for a place that is coupled.")
+    ] = UNSET
+
+
 class Seated(msgspec.Struct):
     """A place in a world."""
 
@@ -97,3 +155,6 @@ class Seated(msgspec.Struct):
     seed: Annotated[int, Meta(description="Seed of the scenario.")]
     tick: Tick
     observations: Observations
+    actors: Annotated[
+        list[ShownActor] | UnsetType, Meta(description="All egos and the traffic; only for a place that is coupled.")
+    ] = UNSET

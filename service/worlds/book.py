@@ -22,7 +22,7 @@ from dohyo.service.settings import Settings
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.model import World, WorldStatus
-from dohyo.service.worlds.order import Late, WorldOrder
+from dohyo.service.worlds.order import WorldOrder, WorldRules
 from dohyo.service.worlds.seat import Seat
 from dohyo.service.worlds.shown import SHOWN
 from dohyo.service.worlds.world import LiveWorld
@@ -89,14 +89,13 @@ class WorldBook:
 
     # Worlds
 
-    async def create(self, owner: str, make_order: Callable[[str], WorldOrder], deadline_s: float, late: Late) -> str:
+    async def create(self, owner: str, make_order: Callable[[str], WorldOrder], rules: WorldRules) -> str:
         """Starts a world and waits for its first tick; returns its identifier.
 
         Args:
             owner: Owner of the world.
             make_order: Order of a world with a given identifier.
-            deadline_s: Time for one decision, s.
-            late: What happens to a driver that is late.
+            rules: What the server does with it.
 
         Raises:
             TooManyRequestsError: The owner has too many worlds.
@@ -107,9 +106,9 @@ class WorldBook:
         identifier = new_id("wo")
         process = EpisodeProcess(self._settings.policies, ENTRY)
         order = make_order(identifier)
-        world = self._live[identifier] = LiveWorld(identifier, owner, order, process, deadline_s, late)
+        world = self._live[identifier] = LiveWorld(identifier, owner, order, process, rules)
         try:
-            await asyncio.to_thread(self._add, world)
+            await asyncio.to_thread(self._add, world, rules)
             await process.start()
         except OSError as error:
             del self._live[identifier]
@@ -137,14 +136,14 @@ class WorldBook:
         if len(self._live) >= self._settings.worlds:
             raise BusyError(f"the service has its {self._settings.worlds} worlds", retry_s=60)
 
-    def _add(self, world: LiveWorld) -> None:
+    def _add(self, world: LiveWorld, rules: WorldRules) -> None:
         with self._database.session() as session:
             check_bytes(session, world.owner, self._settings.bytes_per_owner)
             if queries.count_worlds(session, world.owner) >= queries.KEPT_PER_OWNER:
                 raise TooManyRequestsError(f"at most {queries.KEPT_PER_OWNER} worlds; delete some", retry_s=3600)
             document = world.order.model_dump(mode="json", exclude={"name", "directory"})
-            rules = {"deadline_s": world.deadline_s, "late": world.late, "record": world.order.directory is not None}
-            session.add(World(id=world.id, owner=world.owner, order=document | rules))
+            told = rules.model_dump(mode="json") | {"record": world.order.directory is not None}
+            session.add(World(id=world.id, owner=world.owner, order=document | told))
 
     async def _refuse(self, identifier: str, outcome: Outcome) -> None:
         """Raises the reason for which a world did not begin."""
@@ -185,8 +184,12 @@ class WorldBook:
         if world.order.directory is not None and world.status is not WorldStatus.FAILED:
             path = record_path(self._settings, world.id)
             record = read_record(path).record_hash, record_size(path)
+        clock, pace = world.clock, {"pace": world.clock.pace, "speed": world.clock.speed}
+        told: dict[str, object] = {"seed": world.seed, "resets": world.resets, "overruns": clock.overruns, **pace}
         with self._database.session() as session:
             queries.finish_world(session, world.id, world.status, reason, world.tick, record)
+            row = session.get_one(World, world.id)
+            row.order = row.order | told
 
     def find(self, identifier: str, *, heard: bool = True) -> LiveWorld | None:
         """A live world; `heard`: this counts as a request to it."""

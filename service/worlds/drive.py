@@ -15,8 +15,9 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.running.channel import Channel, Kind
 from dohyo.service.wire.messages import pack, unpack
-from dohyo.service.worlds.order import Drivers, Undriven, WorldOrder
-from dohyo.service.worlds.shown import SHOWN
+from dohyo.service.worlds.coupling import shown_actors
+from dohyo.service.worlds.order import Drivers, Reset, Undriven, WorldOrder
+from dohyo.service.worlds.shown import SHOWN, Decided
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import AgentTimeoutError
 from dohyo.sumo_networks.units import TICK_S
@@ -129,16 +130,19 @@ class WorldProcess:
         ended: Why the server has ended the world; "" while it goes on.
     """
 
-    def __init__(self, order: WorldOrder, channel: Channel) -> None:
+    def __init__(self, order: WorldOrder, channel: Channel, drivers: Drivers) -> None:
         self.ended = ""
         self._channel, self._revision = channel, 0
         self.egos = {m.name: WorldEgo(*substitute_for(order.undriven), self) for m in order.scenario.missions}
         self.env: DrivingEnv = agents_env(order.scenario, self.egos)
+        self._drivers = drivers
 
     def show(self, tick: int, observations: dict[str, Observation]) -> None:
         """Sends a tick to the server and waits for the decisions."""
         for name, seen in observations.items():
             self.egos[name].seen = seen
+        if self._revision != self._drivers.revision:  # the first tick of a world that was reset
+            self._change(self._drivers, list(observations))
         while not self.ended:
             self._send(tick, list(observations))
             frame = self._channel.receive()
@@ -147,12 +151,31 @@ class WorldProcess:
         for name in observations:
             self.egos[name].note()
 
+    def wait(self, tick: int) -> None:
+        """Shows that all egos have ended their drives, and waits until the world is reset or ended."""
+        while not self.ended:
+            self._send(tick, [])
+            frame = self._channel.receive()
+            if frame is not None:
+                self._take(*frame, [])
+
     def _send(self, tick: int, driving: list[str]) -> None:
+        head = SHOWN.pack(tick, round(tick * TICK_S, 3), self._revision)
         seen = {name: self.egos[name].seen for name in driving if self.egos[name].driver is not None}
         packed = {name: {sensor: pack(array) for sensor, array in one.items()} for name, one in seen.items()}
-        head = SHOWN.pack(tick, round(tick * TICK_S, 3), self._revision)
-        document = {"driving": driving, "observations": packed}
-        self._channel.send(Kind.SEEN, head + msgspec.msgpack.encode(document))
+        shown = {
+            "driving": driving,
+            "poses": self._poses(driving),
+            "observations": packed,
+            "actors": shown_actors(self.env) if self._drivers.coupled and driving else None,
+        }
+        self._channel.send(Kind.SEEN, head + msgspec.msgpack.encode(shown))
+
+    def _poses(self, driving: list[str]) -> dict[str, tuple[float, ...]]:
+        egos = self.env.world.egos
+        along = egos.speed * np.cos(egos.heading), egos.speed * np.sin(egos.heading)
+        rows = np.column_stack([egos.position, egos.heading, *along]).tolist()
+        return {name: tuple(row) for name, row in zip(egos.names, rows, strict=True) if name in driving}
 
     def _take(self, kind: Kind, payload: bytes, driving: list[str]) -> bool:
         """Whether the tick can go on after a frame."""
@@ -160,18 +183,37 @@ class WorldProcess:
             self.ended = str(json.loads(payload)[1])
         elif kind is Kind.DRIVERS:
             self._change(Drivers.model_validate_json(payload), driving)
+        elif kind is Kind.RESET:
+            raise WorldReset(Reset.model_validate_json(payload), self._drivers)
         elif kind is Kind.ACTIONS:
-            for name, action in msgspec.msgpack.decode(payload).items():
+            decided = msgspec.msgpack.decode(payload, type=Decided)
+            for name, action in decided.actions.items():
                 self.egos[name].action = unpack(action)
+            self.env.external.put(row.external() for row in decided.actors.put)
+            self.env.external.remove(decided.actors.remove)
             return True
         return False
 
     def _change(self, drivers: Drivers, driving: list[str]) -> None:
         self._revision = drivers.revision
+        self._drivers = drivers.model_copy(update={"specs": self._drivers.specs | drivers.specs})
         for name, driver in drivers.specs.items():
             spec = self.egos[name].hand_over(driver)
             if name in driving:
                 self.egos[name].seen = self.env.outfit(name, spec.sensors, spec.control)
+
+
+class WorldReset(Exception):  # noqa: N818 - it is no error
+    """The world begins anew.
+
+    Attributes:
+        reset: Order of the server.
+        drivers: Drivers of the egos.
+    """
+
+    def __init__(self, reset: Reset, drivers: Drivers) -> None:
+        super().__init__("the world is reset")
+        self.reset, self.drivers = reset, drivers
 
 
 class LateInfos(Mapping[str, AgentInfo]):
@@ -199,10 +241,23 @@ def drive_world(order: WorldOrder, channel: Channel) -> bytes:
     Raises:
         InvalidInputError: The scenario cannot be driven.
     """
-    world = WorldProcess(order, channel)
+    drivers = Drivers(revision=0, specs={})
+    while True:
+        try:
+            return _drive_once(order, channel, drivers)
+        except WorldReset as again:
+            scenario = order.scenario.model_copy(update={"seed": again.reset.seed})
+            order = order.model_copy(update={"scenario": scenario})
+            drivers = again.drivers.model_copy(update={"revision": again.reset.revision})
+
+
+def _drive_once(order: WorldOrder, channel: Channel, drivers: Drivers) -> bytes:
+    world = WorldProcess(order, channel, drivers)
     record, trajectory = drive_episode(
         order.scenario, world.egos, infos=LateInfos(world.egos), show=world.show, env=world.env
     )
     if order.directory is not None:
         write_record(order.directory, order.name, record, trajectory)
+    if order.stays:
+        world.wait(record.ticks)
     return SHOWN.pack(record.ticks, round(record.ticks * TICK_S, 3), 0)

@@ -15,13 +15,15 @@ from dohyo.service.database.base import Base, now
 class WorldStatus(StrEnum):
     """Status of a world.
 
-    WAITING: for its first drivers. RUNNING: it ticks with its drivers. PAUSED: it stands still. DONE: all egos have
-    ended. ENDED: at a request, or after a time without requests. FAILED: the simulation or the service failed.
+    WAITING: for its first drivers. RUNNING: it ticks with its drivers. PAUSED: it stands still. OVER: all egos have
+    ended, and it stays for a reset. DONE: all egos have ended. ENDED: at a request, or after a time without requests.
+    FAILED: the simulation or the service failed.
     """
 
     WAITING = "waiting"
     RUNNING = "running"
     PAUSED = "paused"
+    OVER = "over"
     DONE = "done"
     ENDED = "ended"
     FAILED = "failed"
@@ -32,7 +34,7 @@ class WorldStatus(StrEnum):
         return self in LIVE
 
 
-LIVE = (WorldStatus.WAITING, WorldStatus.RUNNING, WorldStatus.PAUSED)
+LIVE = (WorldStatus.WAITING, WorldStatus.RUNNING, WorldStatus.PAUSED, WorldStatus.OVER)
 
 
 class World(Base):

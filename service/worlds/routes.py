@@ -1,58 +1,29 @@
-"""Worlds: start, join, step, pause and end live scenarios, and fetch their records."""
+"""Worlds: start, pace, pause, reset and end live scenarios, and fetch their records."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, Any
 
-import msgspec
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Response
 
-from dohyo.evaluation.agent import AgentSpec
-from dohyo.service.accounts.access import Caller, Holder, Submitter, WorkerCaller
-from dohyo.service.errors import ConflictError, ServiceError
+from dohyo.service.accounts.access import Caller, Holder, Submitter
+from dohyo.service.errors import ConflictError
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.files import OpenFileResponse
 from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
-from dohyo.service.wire import openapi as schema
-from dohyo.service.wire.messages import decode_step
-from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.access import find_world, live_world, world_of
-from dohyo.service.worlds.bodies import JoinRequest, Seated, StepRequest, WorldRequest
+from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldRequest
 from dohyo.service.worlds.book import record_path, records_folder
 from dohyo.service.worlds.model import World
-from dohyo.service.worlds.order import WorldOrder
+from dohyo.service.worlds.order import WorldOrder, WorldRules
 from dohyo.service.worlds.orders import scenario_of
-from dohyo.service.worlds.seat import Seat
 from dohyo.service.worlds.views import WorldView, view_world
-from dohyo.service.worlds.world import LiveWorld
-from dohyo.sumo_networks.ego.control import CONTROLS
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.sensors import Track, make_sensors
-from dohyo.sumo_networks.units import TICK_S
 
 router = APIRouter(prefix="/v1", tags=["worlds"], route_class=StrictRoute)
-
-SeatId = Annotated[str, Path(max_length=40, examples=["s-3f9a1c0b7d2e4f5a6b7c8d9e"])]
-SEATED = schema.answer(
-    "A place in the world, with what its egos observe now.",
-    Seated,
-    {
-        "seat": "s-3f9a1c0b7d2e4f5a6b7c8d9e",
-        "token": "Zk3...",
-        "world": "wo-9f86d081884c7d65",
-        "dt_s": 0.1,
-        "deadline_ms": 10000,
-        "missions": [{"name": "west-1"}],
-        "seed": 0,
-        "tick": 0,
-        "observations": {"west-1": {"speedometer": [0.0]}},
-    },
-)
 
 
 @router.post("/worlds", status_code=201, responses=problems(403, 413, 507))
@@ -65,10 +36,13 @@ async def create_world(order: WorldRequest, caller: Submitter, services: Service
     folder = records_folder(services.settings).resolve() if order.record else None
     deadline_s = order.deadline_s or services.settings.act_deadline_s
 
-    def make(identifier: str) -> WorldOrder:
-        return WorldOrder(name=identifier, scenario=scenario, undriven=order.undriven, directory=folder)
+    rules = WorldRules(deadline_s=deadline_s, late=order.late, pace=order.pace, speed=order.speed)
 
-    identifier = await services.worlds.create(caller.owner, make, deadline_s, order.late)
+    def make(identifier: str) -> WorldOrder:
+        kept = {"directory": folder, "stays": order.stays}
+        return WorldOrder(name=identifier, scenario=scenario, undriven=order.undriven, **kept)
+
+    identifier = await services.worlds.create(caller.owner, make, rules)
     return await _view(services, caller, identifier)
 
 
@@ -105,6 +79,25 @@ async def pause_world(identifier: Identifier, caller: Submitter, services: Servi
 async def step_world(identifier: Identifier, order: StepRequest, caller: Submitter, services: ServicesOf) -> WorldView:
     """Lets a paused world go on for some ticks, each of which waits for all who joined."""
     (await live_world(services, caller, identifier)).allow(order.ticks)
+    return await _view(services, caller, identifier)
+
+
+@router.post("/worlds/{identifier}/pace", responses=problems(403, 404, 409, 413))
+async def pace_world(identifier: Identifier, order: PaceRequest, caller: Submitter, services: ServicesOf) -> WorldView:
+    """Changes the pace of a world while it runs: lockstep, or the wall clock at any speed."""
+    (await live_world(services, caller, identifier)).change_pace(order.pace, order.speed)
+    return await _view(services, caller, identifier)
+
+
+@router.post("/worlds/{identifier}/reset", responses=problems(403, 404, 409, 413))
+async def reset_world(
+    identifier: Identifier, order: ResetRequest, caller: Submitter, services: ServicesOf
+) -> WorldView:
+    """Begins a world anew at tick 0, with a seed, the same drivers, and without actors of other simulators.
+
+    All places see tick 0 next. The record is that of the last run.
+    """
+    await (await live_world(services, caller, identifier)).reset(order.seed)
     return await _view(services, caller, identifier)
 
 
@@ -149,101 +142,6 @@ def get_world_trajectory(identifier: Identifier, caller: Holder, services: Servi
         _recorded(world_of(session, caller, identifier))
     file = record_path(services.settings, identifier).with_suffix(".parquet").open("rb")
     return OpenFileResponse(file, media_type="application/vnd.apache.parquet", filename=f"{identifier}.parquet")
-
-
-@router.post(
-    "/worlds/{identifier}/join",
-    status_code=201,
-    response_class=Response,
-    responses={**problems(403, 404, 409, 410, 413), 201: SEATED},
-)
-async def join_world(
-    identifier: Identifier, order: JoinRequest, request: Request, caller: WorkerCaller, services: ServicesOf
-) -> Response:
-    """Takes a place in a world, at any time, with egos that nobody else drives.
-
-    Who joins again by the same name with the same egos, sensors and control takes the place back where it was, such as
-    after a crash. The messages of the old place are answered with 410.
-    """
-    world = await live_world(services, caller, identifier)
-    seat = await world.join(_spec(order), tuple(dict.fromkeys(order.egos)), caller.token_id or "")
-    services.worlds.add_seat(world, seat)
-    answered = formats_of(headers_of(request.scope))[1]
-    observations = msgspec.Raw(msgspec.msgpack.encode(world.observations_of(seat)))
-    given = Seated(
-        seat=seat.id,
-        token=seat.token,
-        world=world.id,
-        dt_s=TICK_S,
-        deadline_ms=round(world.deadline_s * 1000),
-        missions=_told(world, seat),
-        seed=world.order.scenario.seed,
-        tick=seat.tick,
-        observations=observations,
-    )
-    return Response(await encoded(given, answered, observations), 201, media_type=answered)
-
-
-@router.post(
-    "/seats/{seat}/step",
-    openapi_extra=schema.STEP,
-    responses={**problems(409, 410, 413), 200: schema.STEPPED},
-    response_class=Response,
-)
-async def step_seat(seat: SeatId, request: Request, services: ServicesOf) -> Response:
-    """Sends the actions of a place for one tick, and answers once all who joined have sent theirs.
-
-    A repeated tick gets the same answer. 503: the tick still waits; send the same again.
-    """
-    headers = headers_of(request.scope)
-    try:
-        world, place = services.worlds.seat_of(seat, bearer_of(headers))
-        taken, answered = formats_of(headers)
-        body = await body_of(headers, request.receive)
-        reply = await world.step(place, decode_step(body, taken), taken)
-    except (ServiceError, InvalidInputError) as error:
-        return problem_of(error)
-    return Response(await encoded(reply, answered, reply.observations), media_type=answered)
-
-
-@router.post(
-    "/seats/{seat}/leave",
-    status_code=204,
-    openapi_extra=schema.WORKER_TOKEN,
-    responses={**problems(410, 413), 204: {"description": "Left."}},
-    response_class=Response,
-)
-async def leave_seat(seat: SeatId, request: Request, services: ServicesOf) -> Response:
-    """Leaves a world; its egos have no driver from now on."""
-    headers = headers_of(request.scope)
-    try:
-        world, place = services.worlds.seat_of(seat, bearer_of(headers))
-        await body_of(headers, request.receive)
-        world.leave(place, "its worker left")
-    except (ServiceError, InvalidInputError) as error:
-        return problem_of(error)
-    return Response(status_code=204)
-
-
-def _spec(order: JoinRequest) -> AgentSpec:
-    """Sensors and control of a worker, checked.
-
-    Raises:
-        InvalidInputError: There is no such sensor on the track, or no such control.
-    """
-    try:
-        make_sensors(order.sensors, Track[order.track.upper()])
-        if order.control not in CONTROLS:
-            raise UnknownNameError("control", order.control, CONTROLS)
-    except UnknownNameError as error:
-        raise InvalidInputError(str(error)) from error
-    return AgentSpec(name=order.name, track=order.track, sensors=tuple(order.sensors), control=order.control)
-
-
-def _told(world: LiveWorld, seat: Seat) -> list[Any]:
-    """Missions of the egos of a seat; who made the world chose the scenario, so nothing is hidden."""
-    missions = {mission.name: mission for mission in world.order.scenario.missions}
-    return [missions[ego].model_dump(mode="json", include={"name", "start", "goal", "via"}) for ego in seat.egos]
 
 
 def _recorded(row: World) -> None:

@@ -7,17 +7,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.errors import GoneError
 from dohyo.service.wire.actions import checked_action
 from dohyo.service.wire.answering import answer_all
-from dohyo.service.wire.bodies import Reply
-from dohyo.service.wire.messages import pack
+from dohyo.service.wire.messages import pack, unpack
+from dohyo.service.worlds.bodies import WorldReply
 from dohyo.sumo_networks.ego.control import Control, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS, ImplausiblePoseError, Pose, PoseControl, check_plausible
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.units import TICK_S
 
@@ -34,10 +34,12 @@ class Seat:
         token: Secret of its messages.
         spec: Name, sensors and control of the driver.
         egos: Egos that it drives.
+        coupled: Whether it is a simulator that sees all actors, and may have no ego.
         token_id: API token with which the worker joined.
         tick: Tick last shown to the worker.
         decision: Its decision for that tick; None: it decides now.
         last: Its last decision.
+        repeated: Whether the decision before this one was a repetition.
         answered: Tick that `reply` answers; -1: none.
         reply: Last reply, for repeated requests.
         due: Monotonic time by which its decision is due.
@@ -52,20 +54,23 @@ class Seat:
     spec: AgentSpec
     egos: tuple[str, ...]
     token_id: str
+    coupled: bool = False
     tick: int = 0
     decision: Actions | None = None
     last: Actions | None = None
+    repeated: bool = False
     answered: int = -1
-    reply: Reply | None = None
+    reply: WorldReply | None = None
     due: float = 0.0
     missed: int = 0
     clipped: int = 0
-    waiting: list[asyncio.Future[Reply]] = field(default_factory=list)
+    waiting: list[asyncio.Future[WorldReply]] = field(default_factory=list)
     ended: str = ""
     _control: Control = field(init=False)
+    _posed: dict[str, tuple[Pose, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._control = make_control(self.spec.control, VehicleParameters(), TICK_S)
+        self._control = make_control(self.spec.control, VehicleParameters(), TICK_S, WORLD_CONTROLS)
 
     def begin(self, tick: int, due: float) -> None:
         """The worker learns of a tick, and decides until `due`."""
@@ -74,14 +79,20 @@ class Seat:
     def take_over(self, before: Seat) -> None:
         """Takes over what the worker had decided before it joined again."""
         self.decision, self.last = before.decision, before.last
-        self.missed, self.clipped = before.missed, before.clipped
+        self.missed, self.clipped, self._posed = before.missed, before.clipped, before._posed
 
-    def decide(self, actions: object, deciding: tuple[str, ...]) -> None:
+    def restart(self) -> None:
+        """The world begins anew: nothing is decided."""
+        self.decision, self.last, self.repeated = None, None, False
+        self._posed.clear()
+
+    def decide(self, actions: object, deciding: tuple[str, ...], poses: Mapping[str, Pose]) -> None:
         """Takes the decision for this tick.
 
         Args:
             actions: Actions by ego, as they were sent.
             deciding: Egos of this seat that still drive.
+            poses: Their poses before the tick.
 
         Raises:
             InvalidInputError: An action is missing or invalid, or is for an ego of somebody else.
@@ -93,18 +104,36 @@ class Seat:
             raise InvalidInputError(f"expected actions of {list(self.egos)} only, got {unknown[:10]} too")
         shape = tuple(self._control.space.shape)
         checked = {ego: checked_action(ego, given[ego], shape, self._control.checked) for ego in deciding}
+        if isinstance(self._control, PoseControl):
+            self._check_poses({ego: self._control.pose(action) for ego, (action, _) in checked.items()}, poses)
         self.clipped += sum(clipped for _, clipped in checked.values())
         self.decision = self.last = {ego: pack(np.asarray(action)) for ego, (action, _) in checked.items()}
+        self.repeated = False
 
-    def answer(self, answer: Reply | Exception) -> None:
+    def _check_poses(self, given: Mapping[str, Pose], poses: Mapping[str, Pose]) -> None:
+        """Compares each pose with the last one that was sent, or with the present one where none was."""
+        for ego, pose in given.items():
+            before, tick = self._posed.get(ego, (poses[ego], self.tick - 1))
+            try:
+                check_plausible(before, pose, (self.tick - tick) * TICK_S)
+            except ImplausiblePoseError as error:
+                raise InvalidInputError(f"pose of '{ego}': {error}") from None
+        self._posed |= {ego: (pose, self.tick) for ego, pose in given.items()}
+
+    def repeat(self) -> None:
+        """Takes the last decision once more; there is one."""
+        assert self.last is not None
+        again = {ego: self._control.repeated(unpack(action)) for ego, action in self.last.items()}
+        self.decision = self.last = {ego: pack(np.asarray(action)) for ego, action in again.items()}
+        self.repeated, self.missed = True, self.missed + 1
+
+    def answer(self, answer: WorldReply | Exception) -> None:
         """Answers all requests that wait."""
         answer_all(self.waiting, answer)
 
-    def show(self, tick: int, time_s: float, seen: dict[str, msgspec.Raw], *, done: bool) -> None:
+    def show(self, reply: WorldReply) -> None:
         """Answers the decision for the last tick with the next one."""
-        observations = msgspec.Raw(msgspec.msgpack.encode(seen))
-        reply = Reply(tick, time_s, observations, done=done, missed=self.missed, clipped=self.clipped, directive="run")
-        self.answered, self.reply, self.tick, self.decision = self.tick, reply, tick, None
+        self.answered, self.reply, self.tick, self.decision = self.tick, reply, reply.tick, None
         self.answer(reply)
 
     def end(self, why: str) -> None:

@@ -1,16 +1,40 @@
-"""What a world's process tells the server of each tick."""
+"""What a world's process and the server tell each other of each tick."""
 
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 import msgspec
+
+from dohyo.service.worlds.actors import ActorChange, ShownActor
 
 SHOWN = struct.Struct("!IdI")  # tick, simulated time [s], revision of the drivers; then `Shown` in msgpack
 
 
 class Shown(msgspec.Struct):
-    """The egos that drive, and what their drivers observe, each in msgpack."""
+    """From the process: a tick.
+
+    Attributes:
+        driving: Egos that drive.
+        poses: x, y [m], heading [rad], velocity x, y [m/s] of each of them.
+        observations: What their drivers observe, each in msgpack.
+        actors: All egos and the traffic; None: no simulator is coupled to the world.
+    """
 
     driving: list[str]
+    poses: dict[str, tuple[float, float, float, float, float]]
     observations: dict[str, msgspec.Raw]
+    actors: list[ShownActor] | None = None
+
+
+class Decided(msgspec.Struct):
+    """To the process: the decisions for a tick.
+
+    Attributes:
+        actions: Packed action of each ego that has a driver.
+        actors: External actors that change before the tick.
+    """
+
+    actions: dict[str, Any]
+    actors: ActorChange

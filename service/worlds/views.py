@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from dohyo.service.web.views import Moment, View
+from dohyo.service.worlds.clock import Pace
 from dohyo.service.worlds.model import World, WorldStatus
 from dohyo.service.worlds.order import Late, Undriven
 from dohyo.service.worlds.world import LiveWorld
@@ -34,7 +35,13 @@ class WorldView(View):
         undriven: What an ego without a driver does: the autopilot drives it, it stands, or it leaves the road.
         deadline_s: Time for one decision, s.
         late: What happens to a driver that is late: its last decision is repeated, or it loses its place.
+        pace: lockstep: each tick waits for all decisions; realtime: it begins when its time has come.
+        speed: Simulated seconds per second of the wall clock, in real time.
+        overruns: Ticks in real time that began late, since the simulation was too slow.
+        resets: How often it has begun anew.
+        stays: Whether it stays when all egos have ended their drives.
         egos: Its egos.
+        actors: Number of actors that other simulators have put into it.
         reason: Reason of its end; null: it is live, or all egos have ended their drives.
         finished: Time of its end; null: it is live.
         recorded: Whether there is a record at its end.
@@ -52,7 +59,13 @@ class WorldView(View):
     undriven: Undriven
     deadline_s: float
     late: Late
+    pace: Pace
+    speed: float
+    overruns: int
+    resets: int
+    stays: bool
     egos: list[EgoView]
+    actors: int
     created: Moment
     finished: Moment | None
     reason: str | None
@@ -73,12 +86,18 @@ def view_world(row: World, live: LiveWorld | None) -> WorldView:
         status=live.status if live else row.status,
         network=scenario["network"],
         scenario=scenario["name"],
-        seed=scenario["seed"],
+        seed=live.seed if live else order.get("seed", scenario["seed"]),
         tick=tick,
         time_s=round(tick * TICK_S, 3),
         undriven=order["undriven"],
         deadline_s=order["deadline_s"],
         late=order["late"],
+        pace=live.clock.pace if live else order.get("pace", "lockstep"),
+        speed=live.clock.speed if live else order.get("speed", 1.0),
+        overruns=live.clock.overruns if live else order.get("overruns", 0),
+        resets=live.resets if live else order.get("resets", 0),
+        stays=order.get("stays", False),
+        actors=len(live.actors) if live else 0,
         egos=[EgoView(name=name, driver=drivers.get(name), driving=name in driving) for name in names],
         created=row.created,
         finished=row.finished,

@@ -1,8 +1,9 @@
 """LiveWorld: a world in the server, and the lockstep of all who joined it.
 
-All of it lives on the event loop and in memory. A tick begins once every seat has decided; a decision that is overdue
-is repeated from the tick before, or costs the seat. The process shows each tick again after a change of drivers, with
-the number of the change, so that no decision meets a tick that was shown before the change.
+All of it lives on the event loop and in memory. A tick begins once every seat has decided, and in real time once its
+time has come; a decision that is overdue is repeated from the tick before, or costs the seat. The process shows each
+tick again after a change of drivers, with the number of the change, so that no decision meets a tick that was shown
+before the change.
 """
 
 from __future__ import annotations
@@ -14,18 +15,22 @@ import time
 from collections.abc import Sequence
 
 import msgspec
+from msgspec import UNSET
 
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Fault, Kind
 from dohyo.service.running.process import EpisodeProcess
-from dohyo.service.wire.bodies import Reply, Step
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
+from dohyo.service.worlds.actors import ActorChange, WorldActors
+from dohyo.service.worlds.bodies import WorldReply, WorldStep
+from dohyo.service.worlds.clock import Clock, Pace
 from dohyo.service.worlds.model import WorldStatus
-from dohyo.service.worlds.order import Drivers, Late, WorldOrder
+from dohyo.service.worlds.order import Drivers, Reset, WorldOrder, WorldRules
 from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.shown import SHOWN, Shown
+from dohyo.service.worlds.shown import SHOWN, Decided, Shown
+from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError
 
 STEP_WAIT_S = 30.0
@@ -43,23 +48,30 @@ class LiveWorld:
         tick: Tick last shown.
         time_s: Simulated time of the tick, s.
         driving: Egos that still drive.
+        clock: Pace of its ticks.
+        seed: Seed of the present run.
+        resets: How often it has begun anew.
+        actors: Actors that other simulators have put into it.
         seats: Seats by their identifiers.
         heard: Monotonic time of the last request.
         ending: Why it was ended; "" while it goes on.
     """
 
     def __init__(
-        self, identifier: str, owner: str, order: WorldOrder, process: EpisodeProcess, deadline_s: float, late: Late
+        self, identifier: str, owner: str, order: WorldOrder, process: EpisodeProcess, rules: WorldRules
     ) -> None:
         self.id, self.owner, self.order = identifier, owner, order
-        self.deadline_s, self.late = deadline_s, late
+        self.deadline_s, self.late = rules.deadline_s, rules.late
+        self.clock, self.actors = Clock(rules.pace, rules.speed), WorldActors()
+        self.seed, self.resets = order.scenario.seed, 0
         self.status, self.tick, self.time_s = WorldStatus.WAITING, 0, 0.0
         self.driving: tuple[str, ...] = tuple(mission.name for mission in order.scenario.missions)
         self.seats: dict[str, Seat] = {}
         self.heard, self.ending = time.monotonic(), ""
         self._process = process
-        self._observations: dict[str, msgspec.Raw] = {}
-        self._revision, self._allowed = 0, 0
+        self._shown = Shown([], {}, {})
+        self._revision, self._allowed, self._restarted = 0, 0, False
+        self._timer: asyncio.TimerHandle | None = None
         self._is_shown = asyncio.Event()  # the tick with the present drivers is shown, and the process waits
         process.seen = self._seen
 
@@ -67,13 +79,49 @@ class LiveWorld:
 
     def resume(self) -> None:
         """Lets the world tick whenever all have decided; also before all egos have drivers."""
-        self.status, self._allowed = WorldStatus.RUNNING, 0
+        if self.status is not WorldStatus.OVER:
+            self.status = WorldStatus.RUNNING
+        self._allowed = 0
         self._renew()
         self._advance()
 
     def pause(self) -> None:
         """Lets the world stand still after the present tick."""
-        self.status, self._allowed = WorldStatus.PAUSED, 0
+        if self.status is not WorldStatus.OVER:
+            self.status = WorldStatus.PAUSED
+        self._allowed = 0
+
+    def change_pace(self, pace: Pace, speed: float) -> None:
+        """Changes the pace, from the present tick on."""
+        self.clock.change(pace, speed)
+        self._renew()
+        self._advance()
+
+    def put_actors(self, change: ActorChange) -> None:
+        """Puts, moves and removes actors of the owner, before the next tick.
+
+        Raises:
+            InvalidInputError: An actor cannot be.
+            ConflictError: A worker has put an actor of this name.
+        """
+        self.actors.change("", change)
+
+    async def reset(self, seed: int | None) -> None:
+        """Begins anew at tick 0 with the same drivers and without external actors.
+
+        Raises:
+            BusyError: The simulation takes too long.
+        """
+        self.seed = self.seed if seed is None else seed
+        self.resets, self._revision, self._restarted = self.resets + 1, self._revision + 1, True
+        self._is_shown.clear()
+        self.actors.clear()
+        for seat in self.seats.values():
+            seat.restart()
+        if self.status is WorldStatus.OVER:
+            self.status = WorldStatus.RUNNING
+        self._process.send(Kind.RESET, Reset(revision=self._revision, seed=self.seed).model_dump_json().encode())
+        await self.shown()
 
     def allow(self, ticks: int) -> None:
         """Lets a paused world go on for so many ticks.
@@ -98,12 +146,13 @@ class LiveWorld:
 
     def _renew(self) -> None:
         """Decisions are due from now on: while a world stands still, nobody is late."""
+        self.clock.restart()
         for seat in self.seats.values():
             seat.due = time.monotonic() + self.deadline_s
 
     # Seats
 
-    async def join(self, spec: AgentSpec, egos: Sequence[str], token_id: str) -> Seat:
+    async def join(self, spec: AgentSpec, egos: Sequence[str], token_id: str, *, coupled: bool = False) -> Seat:
         """Seats a worker. One that joins again by the same name takes its place back; the old identifier ends.
 
         Raises:
@@ -114,9 +163,9 @@ class LiveWorld:
         """
         before = next((seat for seat in self.seats.values() if seat.spec.name == spec.name), None)
         self._check_free(egos, before)
-        seat = Seat(f"s-{secrets.token_hex(12)}", secrets.token_urlsafe(32), spec, tuple(egos), token_id)
+        seat = Seat(f"s-{secrets.token_hex(12)}", secrets.token_urlsafe(32), spec, tuple(egos), token_id, coupled)
         seat.begin(self.tick, time.monotonic() + SHOW_S)
-        if before is not None and (before.spec, before.egos) == (spec, seat.egos):
+        if before is not None and (before.spec, before.egos, before.coupled) == (spec, seat.egos, coupled):
             seat.take_over(before)
             self._remove(before, "its worker joined again")
         else:
@@ -124,6 +173,8 @@ class LiveWorld:
             if before is not None:
                 free = dict.fromkeys(before.egos)
                 self._remove(before, "its worker joined again, otherwise")
+                self.actors.forget(spec.name)
+            self.seats[seat.id] = seat
             self._change(free | dict.fromkeys(egos, spec))
         self.seats[seat.id] = seat
         await self.shown()
@@ -156,6 +207,7 @@ class LiveWorld:
         """
         seat.refuse_ended()
         self._remove(seat, why)
+        self.actors.forget(seat.spec.name)
         self._change(dict.fromkeys(seat.egos))
 
     def _remove(self, seat: Seat, why: str) -> None:
@@ -165,7 +217,8 @@ class LiveWorld:
     def _change(self, specs: dict[str, AgentSpec | None]) -> None:
         self._revision += 1
         self._is_shown.clear()
-        drivers = Drivers(revision=self._revision, specs=specs)
+        coupled = any(seat.coupled for seat in self.seats.values())
+        drivers = Drivers(revision=self._revision, specs=specs, coupled=coupled)
         self._process.send(Kind.DRIVERS, drivers.model_dump_json().encode())
 
     async def shown(self) -> None:
@@ -179,30 +232,40 @@ class LiveWorld:
         except TimeoutError:
             raise BusyError(f"the simulation took longer than {SHOW_S:g} s for one tick", retry_s=5) from None
 
-    def observations_of(self, seat: Seat) -> dict[str, msgspec.Raw]:
+    def reply_to(self, seat: Seat) -> WorldReply:
         """What a seat observes in the present tick."""
-        return {ego: self._observations[ego] for ego in seat.egos if ego in self._observations}
+        seen = {ego: self._shown.observations[ego] for ego in seat.egos if ego in self._shown.observations}
+        return WorldReply(
+            *(self.tick, self.time_s, msgspec.Raw(msgspec.msgpack.encode(seen))),
+            done=not any(ego in self.driving for ego in seat.egos or self.driving),
+            missed=seat.missed,
+            clipped=seat.clipped,
+            directive="run",
+            resets=self.resets,
+            actors=(self._shown.actors or []) if seat.coupled else UNSET,
+        )
 
     # The lockstep
 
-    async def step(self, seat: Seat, step: Step, fmt: Format) -> Reply:
+    async def step(self, seat: Seat, step: WorldStep, fmt: Format) -> WorldReply:
         """Takes a worker's decision and waits for the next tick.
 
         Raises:
             GoneError: The worker has no place any more.
-            StaleTickError: The decision is for another tick.
+            StaleTickError: The decision is for another tick; in real time, one that comes late is for the present one.
             InvalidInputError: The decision is invalid; another one may follow before it is due.
+            ConflictError: Another worker has put an actor.
             BusyError: The tick still waits for others; the same step may be sent again.
         """
-        if step.tick == seat.answered and seat.reply is not None:
+        comes_late = self.clock.realtime and seat.repeated and step.tick < seat.tick
+        if step.tick == seat.answered and seat.reply is not None and not comes_late:
             return seat.reply
         seat.refuse_ended()
-        if step.tick != seat.tick:
+        if step.tick != seat.tick and not comes_late:
             raise StaleTickError(seat.tick, step.tick)
         if seat.decision is None:
-            deciding = tuple(ego for ego in seat.egos if ego in self.driving)
-            seat.decide(decode(bytes(step.actions), fmt), deciding)
-        answer: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
+            self._decide(seat, step, fmt)
+        answer: asyncio.Future[WorldReply] = asyncio.get_running_loop().create_future()
         seat.waiting.append(answer)
         self._advance()
         try:
@@ -210,49 +273,81 @@ class LiveWorld:
         except TimeoutError:
             raise BusyError("the tick waits for others, or the world is paused: send the same step again", 1) from None
 
+    def _decide(self, seat: Seat, step: WorldStep, fmt: Format) -> None:
+        if step.actors is not None:
+            if not seat.coupled:
+                raise InvalidInputError("actors: expected none of a place that did not join with coupled: true")
+            self.actors.change(seat.spec.name, step.actors)
+        deciding = tuple(ego for ego in seat.egos if ego in self.driving)
+        poses = {ego: Pose(*pose) for ego, pose in self._shown.poses.items()}
+        seat.decide(decode(bytes(step.actions), fmt), deciding, poses)
+        if self.clock.realtime:
+            seat.due = time.monotonic() + self.deadline_s
+
     def _advance(self) -> None:
         """Begins the next tick if nothing holds it."""
-        seats = self.seats.values()
-        if not self._is_shown.is_set() or not self._goes_on or any(seat.decision is None for seat in seats):
+        if not self._is_shown.is_set() or not self._goes_on or not self.driving or not self._may_begin():
             return
-        if not seats and not self._allowed:
-            return  # a world without drivers stands still, and ends after its idle time
         self._is_shown.clear()
         self._allowed = max(0, self._allowed - 1)
-        decided = {ego: action for seat in seats for ego, action in (seat.decision or {}).items()}
+        self.clock.begin(time.monotonic())
+        decided = {ego: action for seat in self.seats.values() for ego, action in (seat.decision or {}).items()}
         actions = {ego: action for ego, action in decided.items() if ego in self.driving}
-        self._process.send(Kind.ACTIONS, msgspec.msgpack.encode(actions))
+        self._process.send(Kind.ACTIONS, msgspec.msgpack.encode(Decided(actions, self.actors.changed())))
+
+    def _may_begin(self) -> bool:
+        """Whether the decisions are there, or in real time the tick's time has come."""
+        silent = [seat for seat in self.seats.values() if seat.decision is None]
+        if not self.clock.realtime:
+            # A world without drivers stands still, and ends after its idle time.
+            return not silent and bool(self.seats or self._allowed)
+        if any(seat.last is None for seat in silent):
+            self.clock.restart()  # a first decision is waited for
+            return False
+        if (wait_s := self.clock.wait_s(time.monotonic())) > 0.0:
+            self._call_later(wait_s)
+            return False
+        for seat in silent:
+            seat.repeat()
+        return True
+
+    def _call_later(self, wait_s: float) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(wait_s, self._advance)
 
     def _seen(self, kind: Kind, payload: bytes) -> None:
         """Handles a tick that the process shows."""
         tick, time_s, revision = SHOWN.unpack_from(payload)
         if revision != self._revision:
             return  # it will be shown again, with the present drivers
-        shown = msgspec.msgpack.decode(memoryview(payload)[SHOWN.size :], type=Shown)
-        ticked = tick > self.tick
-        self.tick, self.time_s, self.driving = tick, time_s, tuple(shown.driving)
-        self._observations = shown.observations
+        self._shown = msgspec.msgpack.decode(memoryview(payload)[SHOWN.size :], type=Shown)
+        ticked, self._restarted = tick > self.tick or self._restarted, False
+        self.tick, self.time_s, self.driving = tick, time_s, tuple(self._shown.driving)
+        if not self.driving:
+            self.status = WorldStatus.OVER
         self._is_shown.set()
         for seat in list(self.seats.values()):
             self._show(seat, ticked)
         self._advance()
 
     def _show(self, seat: Seat, ticked: bool) -> None:
-        done = not any(ego in self.driving for ego in seat.egos)
+        reply = self.reply_to(seat)
         if ticked:
-            seat.due = time.monotonic() + self.deadline_s
-            seat.show(self.tick, self.time_s, self.observations_of(seat), done=done)
-        if done:
+            if not self.clock.realtime:
+                seat.due = time.monotonic() + self.deadline_s
+            seat.show(reply)
+        if reply.done and not self.order.stays:
             self._remove(seat, "all of its egos have ended their drives")
 
     def sweep(self) -> None:
         """Repeats the decisions of those who are late, or takes their places away."""
-        if not self._is_shown.is_set() or not self._goes_on:
+        if not self._is_shown.is_set() or not self._goes_on or not self.driving:
             return
         now = time.monotonic()
         for seat in [one for one in self.seats.values() if one.decision is None and now > one.due]:
-            if self.late == "repeat" and seat.last is not None:
-                seat.decision, seat.missed = seat.last, seat.missed + 1
+            if self.late == "repeat" and seat.last is not None and not self.clock.realtime:
+                seat.repeat()
             else:
                 self.leave(seat, f"no decision came in {self.deadline_s:g} s")
         self._advance()
@@ -260,12 +355,13 @@ class LiveWorld:
     def over(self, why: str) -> None:
         """The process has ended: answers all who wait."""
         for seat in list(self.seats.values()):
-            seat.reply = Reply(
+            seat.reply = WorldReply(
                 *(self.tick, self.time_s, NOTHING),
                 done=True,
                 missed=seat.missed,
                 clipped=seat.clipped,
                 directive="abort" if self.ending else "run",
+                resets=self.resets,
             )
             seat.answered = seat.tick
             seat.answer(seat.reply)
