@@ -39,6 +39,7 @@ from dohyo.service.periodic import repeated
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.settings import Settings
 from dohyo.service.signing import routes as signing
+from dohyo.service.spectating import routes as spectating
 from dohyo.service.state import Broadcast, Services
 from dohyo.service.storage import retention
 from dohyo.service.submissions import agent_routes as agents
@@ -61,7 +62,7 @@ ROUTERS = tuple(
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
         *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
-        *(webhooks, workers, worlds, seats, signing, service_metrics),
+        *(webhooks, workers, worlds, seats, spectating, signing, service_metrics),
     )
 )
 

@@ -113,6 +113,18 @@ def episode(request: Request, episode: str) -> HTMLResponse:
     return render(request, "episode", episode=episode)
 
 
+@router.get("/worlds")
+def worlds(request: Request) -> HTMLResponse:
+    """The worlds of the token's owner, and how to make one."""
+    return render(request, "worlds")
+
+
+@router.get("/worlds/{world}")
+def world(request: Request, world: str) -> HTMLResponse:
+    """One world, live while it lives, its replay afterwards."""
+    return render(request, "world", world=world)
+
+
 @router.get("/compare")
 def compare(request: Request) -> HTMLResponse:
     """Comparison of the evaluations that the query names."""

@@ -22,7 +22,7 @@ _CHUNK = 1 << 18
 
 
 class Kind(IntEnum):
-    """Kind of a frame; the first four and the last go to the process, the others come from it."""
+    """Kind of a frame; the first four, DRIVERS and WATCH go to the process, the others come from it."""
 
     ORDER = 1  # JSON of an EpisodeOrder: drive this
     GRANT = 2  # a worker holds the episode: the clock of its first decision runs
@@ -34,6 +34,9 @@ class Kind(IntEnum):
     IMPOSSIBLE = 8  # text: the order can never be driven
     FAILED = 9  # text: an internal error
     DRIVERS = 10  # JSON: new drivers of a world's egos; to the process
+    WATCH = 11  # one byte: whether somebody watches a world; to the process
+    STAGE = 12  # JSON: what does not change in a world that is watched
+    SCENE = 13  # JSON: what is seen of it in one tick
     RESET = 14  # JSON: a world begins anew; to the process
 
 

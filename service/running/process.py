@@ -74,7 +74,7 @@ class EpisodeProcess:
     Attributes:
         alive: Whether it can take an order.
         processor_s: Processor time of the process and of those that it started, since its start, s.
-        seen: Called with every frame of a remote episode: observations for the worker, and refused actions.
+        seen: Called with every frame of a remote episode or a world: observations, refused actions, scenes.
     """
 
     def __init__(self, policies: Path, entry: str = ENTRY, cluster: str | None = None) -> None:
@@ -192,7 +192,7 @@ class EpisodeProcess:
                 self.processor_s = processor_time_s(self._process.pid)
 
     def _received(self, kind: Kind, payload: bytes) -> None:
-        if kind in (Kind.SEEN, Kind.REFUSED):
+        if kind in (Kind.SEEN, Kind.REFUSED, Kind.STAGE, Kind.SCENE):
             self.seen(kind, payload)
         elif kind is Kind.FINISHED:
             self._end(Outcome(End.FINISHED, last=payload))

@@ -14,6 +14,7 @@ from dohyo.evaluation.episode.runner import agents_env, drive_episode
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.running.channel import Channel, Kind
+from dohyo.service.spectating.scene import SceneFeed
 from dohyo.service.wire.messages import pack, unpack
 from dohyo.service.worlds.coupling import shown_actors
 from dohyo.service.worlds.order import Drivers, Reset, Undriven, WorldOrder
@@ -130,12 +131,13 @@ class WorldProcess:
         ended: Why the server has ended the world; "" while it goes on.
     """
 
-    def __init__(self, order: WorldOrder, channel: Channel, drivers: Drivers) -> None:
+    def __init__(self, order: WorldOrder, channel: Channel, drivers: Drivers, scenes: SceneFeed) -> None:
         self.ended = ""
         self._channel, self._revision = channel, 0
         self.egos = {m.name: WorldEgo(*substitute_for(order.undriven), self) for m in order.scenario.missions}
         self.env: DrivingEnv = agents_env(order.scenario, self.egos)
-        self._drivers = drivers
+        self._drivers, self._scenes = drivers, scenes
+        scenes.begin(self.env)
 
     def show(self, tick: int, observations: dict[str, Observation]) -> None:
         """Sends a tick to the server and waits for the decisions."""
@@ -143,10 +145,10 @@ class WorldProcess:
             self.egos[name].seen = seen
         if self._revision != self._drivers.revision:  # the first tick of a world that was reset
             self._change(self._drivers, list(observations))
+        self._scenes.tick()
         while not self.ended:
             self._send(tick, list(observations))
-            frame = self._channel.receive()
-            if frame is not None and self._take(*frame, list(observations)):
+            if self._take(*self._receive(), list(observations)):
                 break
         for name in observations:
             self.egos[name].note()
@@ -155,9 +157,7 @@ class WorldProcess:
         """Shows that all egos have ended their drives, and waits until the world is reset or ended."""
         while not self.ended:
             self._send(tick, [])
-            frame = self._channel.receive()
-            if frame is not None:
-                self._take(*frame, [])
+            self._take(*self._receive(), [])
 
     def _send(self, tick: int, driving: list[str]) -> None:
         head = SHOWN.pack(tick, round(tick * TICK_S, 3), self._revision)
@@ -176,6 +176,17 @@ class WorldProcess:
         along = egos.speed * np.cos(egos.heading), egos.speed * np.sin(egos.heading)
         rows = np.column_stack([egos.position, egos.heading, *along]).tolist()
         return {name: tuple(row) for name, row in zip(egos.names, rows, strict=True) if name in driving}
+
+    def _receive(self) -> tuple[Kind, bytes]:
+        """The next frame of the lockstep; spectators get their scenes meanwhile."""
+        while True:
+            frame = self._channel.receive(self._scenes.due_in_s())
+            if frame is None:
+                self._scenes.send()
+            elif frame[0] is Kind.WATCH:
+                self._scenes.watch(frame[1] == b"\1")
+            else:
+                return frame
 
     def _take(self, kind: Kind, payload: bytes, driving: list[str]) -> bool:
         """Whether the tick can go on after a frame."""
@@ -241,18 +252,18 @@ def drive_world(order: WorldOrder, channel: Channel) -> bytes:
     Raises:
         InvalidInputError: The scenario cannot be driven.
     """
-    drivers = Drivers(revision=0, specs={})
+    drivers, scenes = Drivers(revision=0, specs={}), SceneFeed(channel)
     while True:
         try:
-            return _drive_once(order, channel, drivers)
+            return _drive_once(order, channel, drivers, scenes)
         except WorldReset as again:
             scenario = order.scenario.model_copy(update={"seed": again.reset.seed})
             order = order.model_copy(update={"scenario": scenario})
             drivers = again.drivers.model_copy(update={"revision": again.reset.revision})
 
 
-def _drive_once(order: WorldOrder, channel: Channel, drivers: Drivers) -> bytes:
-    world = WorldProcess(order, channel, drivers)
+def _drive_once(order: WorldOrder, channel: Channel, drivers: Drivers, scenes: SceneFeed) -> bytes:
+    world = WorldProcess(order, channel, drivers, scenes)
     record, trajectory = drive_episode(
         order.scenario, world.egos, infos=LateInfos(world.egos), show=world.show, env=world.env
     )

@@ -118,9 +118,8 @@ def delete_world(identifier: Identifier, caller: Submitter, services: ServicesOf
         if row.status.live:
             raise ConflictError("expected a world that has ended, this one is live; end it first")
         session.delete(row)
-    path = record_path(services.settings, identifier)
-    path.unlink(missing_ok=True)
-    path.with_suffix(".parquet").unlink(missing_ok=True)
+    for path in records_folder(services.settings).glob(f"{identifier}.*"):
+        path.unlink(missing_ok=True)
 
 
 @router.get("/worlds/{identifier}/record", response_class=Response, responses=problems(404, 409) | Cached.json())

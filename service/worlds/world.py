@@ -21,6 +21,7 @@ from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Fault, Kind
 from dohyo.service.running.process import EpisodeProcess
+from dohyo.service.spectating.audience import Audience
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.worlds.actors import ActorChange, WorldActors
@@ -33,6 +34,7 @@ from dohyo.service.worlds.shown import SHOWN, Decided, Shown
 from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError
 
+MOST_SPECTATORS = 250
 STEP_WAIT_S = 30.0
 SHOW_S = 120.0
 
@@ -55,6 +57,7 @@ class LiveWorld:
         seats: Seats by their identifiers.
         heard: Monotonic time of the last request.
         ending: Why it was ended; "" while it goes on.
+        audience: Its spectators.
     """
 
     def __init__(
@@ -68,6 +71,8 @@ class LiveWorld:
         self.driving: tuple[str, ...] = tuple(mission.name for mission in order.scenario.missions)
         self.seats: dict[str, Seat] = {}
         self.heard, self.ending = time.monotonic(), ""
+        self.audience = Audience(lambda watched: process.send(Kind.WATCH, bytes([watched])), MOST_SPECTATORS)
+        self._told = b""
         self._process = process
         self._shown = Shown([], {}, {})
         self._revision, self._allowed, self._restarted = 0, 0, False
@@ -317,7 +322,10 @@ class LiveWorld:
         self._timer = asyncio.get_running_loop().call_later(wait_s, self._advance)
 
     def _seen(self, kind: Kind, payload: bytes) -> None:
-        """Handles a tick that the process shows."""
+        """Handles a tick that the process shows, to the drivers or to spectators."""
+        if kind in (Kind.STAGE, Kind.SCENE):
+            self.audience.tell(kind.name.lower(), payload)
+            return
         tick, time_s, revision = SHOWN.unpack_from(payload)
         if revision != self._revision:
             return  # it will be shown again, with the present drivers
@@ -341,7 +349,8 @@ class LiveWorld:
             self._remove(seat, "all of its egos have ended their drives")
 
     def sweep(self) -> None:
-        """Repeats the decisions of those who are late, or takes their places away."""
+        """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""
+        self._tell_state()
         if not self._is_shown.is_set() or not self._goes_on or not self.driving:
             return
         now = time.monotonic()
@@ -351,6 +360,18 @@ class LiveWorld:
             else:
                 self.leave(seat, f"no decision came in {self.deadline_s:g} s")
         self._advance()
+
+    def _tell_state(self) -> None:
+        """Tells spectators the status and the drivers, where they have changed."""
+        drivers = {ego: seat.spec.name for seat in self.seats.values() for ego in seat.egos}
+        egos = [
+            {"name": mission.name, "driver": drivers.get(mission.name), "driving": mission.name in self.driving}
+            for mission in self.order.scenario.missions
+        ]
+        state = msgspec.json.encode({"status": self.status.value, "egos": egos})
+        if state != self._told:
+            self._told = state
+            self.audience.tell("state", state)
 
     def over(self, why: str) -> None:
         """The process has ended: answers all who wait."""
@@ -366,4 +387,5 @@ class LiveWorld:
             seat.answered = seat.tick
             seat.answer(seat.reply)
             self._remove(seat, why)
+        self.audience.end(msgspec.json.encode({"status": self.status.value, "reason": why}))
         self._is_shown.set()

@@ -1,14 +1,12 @@
 /** One episode: its replay, its score factor by factor, and the reasons of its agent. */
 
 import { get, page } from "../api.js";
-import { byId, fill, h, mark } from "../dom.js";
+import { byId, fill, h } from "../dom.js";
 import { agentName } from "../estimate.js";
-import { number, seconds, short } from "../format.js";
+import { short } from "../format.js";
 import { colours, subject } from "../subject.js";
-import { SIGNS, ending, label, meaning, words } from "../words.js";
-import { explain, explainClosedLoop } from "../replay/score.js";
+import { choice, why } from "../replay/facts.js";
 import { load, play } from "../replay/player.js";
-import { parked } from "../replay/parked.js";
 import { Reasons } from "../replay/reasons.js";
 
 page(async () => {
@@ -33,8 +31,8 @@ page(async () => {
   const show = (ego) =>
     fill(
       facts,
-      egoChoice(replay, player, show),
-      ...why(ego, replay, player, episode),
+      choice(replay, player, show),
+      ...why(ego, replay, player, closedLoop(episode, ego)),
       replay.lot ? null : [h("h2", {}, "Why the agent decides so"), reasons],
       links(id, episode),
     );
@@ -44,6 +42,9 @@ page(async () => {
 
 /** Name of an episode; all lots are one scenario. */
 const nameOf = (episode) => (episode.cell === "lot" ? `lot ${episode.seed}` : episode.scenario);
+
+/** The closed-loop score of an ego, where its benchmark has one. */
+const closedLoop = (episode, ego) => episode.summary?.egos.find((one) => one.name === ego.name)?.closed_loop;
 
 function heading(episode, agent) {
   return h(
@@ -85,64 +86,6 @@ function waiting(episode) {
     h("p", {}, text),
     episode.failure && h("p", { class: "quiet" }, episode.failure),
   );
-}
-
-function egoChoice(replay, player, show) {
-  if (replay.egos.length < 2) return null;
-  const choice = h(
-    "select",
-    {
-      change: () => {
-        player.choose(choice.value);
-        show(player.views[0].ego);
-      },
-    },
-    replay.egos.map((ego) =>
-      h("option", { value: ego.name, selected: ego.name === player.views[0].ego.name }, ego.name),
-    ),
-  );
-  return h("p", {}, h("label", {}, replay.lot ? "kart " : "ego ", choice));
-}
-
-function why(ego, replay, player, episode) {
-  const closed = episode.summary?.egos.find((one) => one.name === ego.name)?.closed_loop;
-  const kind = meaning(ego.status);
-  return [
-    h("p", { class: `status large ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(ego.status)),
-    ego.failure && h("p", { class: "reason" }, ego.failure),
-    h("h2", {}, ego.parking ? "How it parked" : "Why this score"),
-    ego.parking ? parked(ego) : closed ? explainClosedLoop(closed) : explain(ego, replay.rules),
-    h("h2", {}, titleOf(ego)),
-    h(
-      "ol",
-      { class: "infractions" },
-      ego.infractions.map((one) =>
-        h(
-          "li",
-          {},
-          h(
-            "button",
-            { type: "button", class: "row", click: () => player.clock.seek(one.time_s) },
-            mark(one.kind, words.marks[one.kind].path, one.at_fault === false),
-            h("span", {}, h("b", {}, label(one.kind)), h("span", { class: "quiet detail" }, detail(one))),
-            h("time", {}, `${seconds(one.time_s)} s`),
-          ),
-        ),
-      ),
-    ),
-  ];
-}
-
-function titleOf(ego) {
-  const what = ego.parking ? "contact" : "infraction";
-  return ego.infractions.length ? `${what[0].toUpperCase()}${what.slice(1)}s (${ego.infractions.length})` : `No ${what}`;
-}
-
-function detail(one) {
-  const fault = one.at_fault === null || one.at_fault === undefined ? "" : one.at_fault ? "at fault" : "not at fault";
-  return [one.magnitude ? `${number(one.magnitude)} ${one.unit}` : "", one.actor ?? "", fault]
-    .filter(Boolean)
-    .join(" · ");
 }
 
 function links(id, episode) {

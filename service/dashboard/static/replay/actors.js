@@ -143,3 +143,25 @@ function notch(c, drive, i) {
   c.lineTo(drive.x[i] + base * cos + v * sin, drive.y[i] + base * sin - v * cos);
   c.closePath();
 }
+
+/** Writes the names of the egos above them. */
+export function drawNames(c, drive, camera, colours) {
+  const { ratio } = camera;
+  c.setTransform(ratio, 0, 0, ratio, 0, 0);
+  c.font = '600 12px ui-monospace, "DejaVu Sans Mono", monospace';
+  c.textAlign = "center";
+  c.textBaseline = "bottom";
+  c.lineWidth = 4;
+  c.lineJoin = "round";
+  c.strokeStyle = colours.page;
+  c.fillStyle = colours.ink;
+  for (let i = 0; i < drive.count; i++) {
+    const one = drive.tracks[i];
+    if (!drive.shown[i] || one.kind !== "ego") continue;
+    const x = camera.left() / ratio + drive.x[i] * camera.scale;
+    const y = camera.top() / ratio - drive.y[i] * camera.scale - 0.6 * one.length * camera.scale - 4;
+    c.strokeText(one.name, x, y);
+    c.fillText(one.name, x, y);
+  }
+  c.textAlign = "start";
+}

@@ -4,6 +4,7 @@ import { h, s } from "../dom.js";
 import { seconds } from "../format.js";
 import { copyText } from "../table.js";
 import { label } from "../words.js";
+import { CameraControls, isForPage } from "./camera_controls.js";
 import { RATES } from "./clock.js";
 
 const ICONS = {
@@ -35,11 +36,7 @@ export class Controls {
       { "aria-label": "speed", change: () => clock.setRate(Number(this.rate.value)) },
       RATES.map((rate) => h("option", { value: rate, selected: rate === 1 }, `${rate}×`)),
     );
-    this.followButton = h(
-      "button",
-      { type: "button", "aria-pressed": "true", title: "camera follows the ego (f)", click: () => this.follow() },
-      "follow",
-    );
+    this.cameras = new CameraControls(views, whole, () => clock.request());
     this.copyButton = h("button", { type: "button", click: () => this._copy() }, "copy link");
     this.element = h(
       "div",
@@ -55,22 +52,7 @@ export class Controls {
       ),
       this.time,
       this.rate,
-      h(
-        "div",
-        { class: "group" },
-        this.followButton,
-        h("button", { type: "button", title: `whole ${whole} (0)`, click: () => this.whole() }, `whole ${whole}`),
-        h(
-          "button",
-          { type: "button", "aria-label": "zoom out", title: "zoom out (−)", click: () => this.zoom(1 / 1.5) },
-          "−",
-        ),
-        h(
-          "button",
-          { type: "button", "aria-label": "zoom in", title: "zoom in (+)", click: () => this.zoom(1.5) },
-          "+",
-        ),
-      ),
+      this.cameras.element,
       this.copyButton,
       this.said,
     );
@@ -93,34 +75,6 @@ export class Controls {
     }
     this.clock.seek(found.time_s);
     this.said.textContent = `${label(found.kind)} at ${seconds(found.time_s)} s`;
-  }
-
-  follow() {
-    const free = this.views.some((view) => !view.camera.follow);
-    this._eachCamera((camera) => (camera.follow = free));
-  }
-
-  whole() {
-    for (const view of this.views) view.camera.fit(view.routeBounds());
-    this._eachCamera(() => {});
-  }
-
-  zoom(factor) {
-    this._eachCamera((camera) => camera.zoom(factor));
-  }
-
-  showCamera() {
-    const follows = this.views.every((view) => view.camera.follow);
-    this.followButton.setAttribute("aria-pressed", String(follows));
-  }
-
-  _eachCamera(change) {
-    for (const view of this.views) {
-      change(view.camera);
-      view.canvas.classList.toggle("free", !view.camera.follow);
-      view.onCamera();
-    }
-    this.clock.request();
   }
 
   async _copy() {
@@ -154,10 +108,7 @@ export class Controls {
   }
 
   _key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const on = event.target;
-    if (on.matches("input:not(.scrub), textarea, select, [contenteditable]")) return;
-    if (event.key === " " && on.closest("button, a, summary")) return; // space presses what has the focus
+    if (!isForPage(event)) return;
     const second = Math.round(1 / this.clock.dt);
     const act = {
       " ": () => this.clock.toggle(),
@@ -165,11 +116,7 @@ export class Controls {
       ArrowLeft: () => this.clock.step(event.shiftKey ? -second : -1),
       i: () => this.jump(1),
       I: () => this.jump(-1),
-      f: () => this.follow(),
-      0: () => this.whole(),
-      "+": () => this.zoom(1.5),
-      "=": () => this.zoom(1.5),
-      "-": () => this.zoom(1 / 1.5),
+      ...this.cameras.keys,
       "<": () => this._faster(-1),
       ">": () => this._faster(1),
     }[event.key];

@@ -6,14 +6,18 @@ import { address, readAddress, writer } from "./address.js";
 import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { Drive } from "./drive.js";
+import { ruler, stage } from "./stage.js";
 import { Timeline, Zoom } from "./timeline.js";
 import { View } from "./view.js";
 
 const AROUND_M = 120;
 
-/** Reads an episode's replay and the roads around it; a parking lot has none. */
-export async function load(episode) {
-  const replay = await get(`/v1/episodes/${encodeURIComponent(episode)}/replay`);
+/** Reads the replay of an episode and the roads around it; a parking lot has none. */
+export const load = (episode) => loadFrom(`/v1/episodes/${encodeURIComponent(episode)}/replay`);
+
+/** Reads a replay from its path, and the roads around it. */
+export async function loadFrom(path) {
+  const replay = await get(path);
   return { replay, map: replay.lot ? { lot: replay.lot } : await roads(replay.network, replay.bounds) };
 }
 
@@ -38,7 +42,7 @@ export function play(place, loaded) {
   const clock = new Clock(Math.max(...drives.map((drive) => drive.duration)), drives[0].dt);
   const given = readAddress();
   const { names } = drives[0];
-  const stages = loaded.map(stage);
+  const stages = loaded.map(({ replay, map, agent, title }) => stage(map, label(replay, agent), title));
   const timelines = h("div", { class: "timelines" });
   place.replaceChildren(
     h(
@@ -54,7 +58,7 @@ export function play(place, loaded) {
   const write = writer(link);
   const controls = new Controls(clock, views, link);
   for (const view of views) follow(view, given);
-  if (loaded[0].map.lot && given.z === null) controls.whole();
+  if (loaded[0].map.lot && given.z === null) controls.cameras.whole();
   let shown = [];
   const zoom = new Zoom(() => clock.request());
   const show = () => {
@@ -69,7 +73,7 @@ export function play(place, loaded) {
   for (const [i, view] of views.entries()) {
     view.onCamera = () => {
       for (const other of views) if (other !== view) other.camera.scale = view.camera.scale;
-      controls.showCamera();
+      controls.cameras.show();
       write();
     };
     clock.onFrame((time_s) => {
@@ -79,13 +83,13 @@ export function play(place, loaded) {
   }
   clock.onChange(write);
   place.append(controls.element, timelines, h("p", { class: "note keys" }, help(names)));
-  controls.showCamera();
+  controls.cameras.show();
   clock.seek(given.t ?? 0);
   addEventListener("hashchange", () => {
     const now = readAddress();
     for (const view of views) follow(view, now);
     if (now.t !== null) clock.seek(now.t);
-    controls.showCamera();
+    controls.cameras.show();
   });
   return {
     clock,
@@ -112,42 +116,8 @@ function follow(view, given) {
   view.canvas.classList.toggle("free", !view.camera.follow);
 }
 
-function stage({ replay, map, agent, title }) {
-  const canvas = h("canvas", {
-    class: "stage",
-    tabindex: 0,
-    role: "img",
-    "aria-label": `Replay of ${agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next ${replay.lot ? "contact" : "infraction"}.`,
-  });
-  const line = h("span", {});
-  const measure = h("div", { class: "ruler", "aria-hidden": "true" }, line);
-  const ended = h("p", { class: "note ended", hidden: true }, "ended");
-  const element = h(
-    "figure",
-    { class: "stage-frame" },
-    title && h("figcaption", {}, title),
-    h(
-      "div",
-      { class: "ground" },
-      canvas,
-      measure,
-      ended,
-      map.missing && h("p", { class: "note bare" }, `The roads are missing: ${map.missing}`),
-    ),
-  );
-  return { element, canvas, ended, ruler: { box: measure, line, scale: 0 } };
-}
-
-/** Sets the scale bar to a round number of metres, about 100 px long. */
-function ruler(bar, camera) {
-  if (bar.scale === camera.scale) return;
-  bar.scale = camera.scale;
-  const rough = 100 / camera.scale;
-  const unit = 10 ** Math.floor(Math.log10(rough));
-  const metres = unit * [5, 2, 1].find((one) => one * unit <= rough);
-  bar.box.style.setProperty("width", `${(metres * camera.scale).toFixed(0)}px`);
-  bar.line.textContent = `${metres} m`;
-}
+const label = (replay, agent) =>
+  `Replay of ${agent} on ${replay.scenario}, seen from above. Space plays, arrow keys step, i goes to the next ${replay.lot ? "contact" : "infraction"}.`;
 
 function help({ whole, mark }) {
   const keys = [

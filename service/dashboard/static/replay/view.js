@@ -1,6 +1,6 @@
 /** One replay on one canvas: roads, route, trails, actors, lights and marks of infractions, seen by a camera. */
 
-import { drawActors, drawInvolved, drawSignals, drawTrails } from "./actors.js";
+import { drawActors, drawInvolved, drawNames, drawSignals, drawTrails } from "./actors.js";
 import { Camera, steer } from "./camera.js";
 import { readColours } from "./colours.js";
 import { drawPlan } from "./reasons.js";
@@ -72,6 +72,7 @@ export class View {
     if (!this.ego.route.length && drive.egos.length > 1) this._drawChosen(px);
     drawInvolved(c, drive, this.infractions, time_s, colours, px);
     this._drawMarks(time_s);
+    if (this.ego.route.length && drive.egos.length > 1) drawNames(c, drive, camera, colours);
   }
 
   /** The camera follows the ego; after its last tick it stays there. */

@@ -1,0 +1,24 @@
+/** Commands for a shell that make a world, and that join one. */
+
+import { h } from "../dom.js";
+import { copyText } from "../table.js";
+
+/** The command that makes a world of two egos or more. */
+export const madeBy = () =>
+  command(
+    `curl -s ${location.origin}/v1/worlds -H "Authorization: Bearer $TOKEN" \\\n  --json '{"benchmark": "fleet", "seed": 0, "record": true}'`,
+  );
+
+/** The command with which a worker joins a world as the driver of an ego. */
+export const joinedBy = (world, ego) =>
+  command(`python examples/world_worker.py ${location.origin} $TOKEN ${world.id} alice ${ego} 8.0`);
+
+function command(text) {
+  const button = h("button", { type: "button", class: "copy" }, "copy");
+  button.addEventListener("click", async () => {
+    await copyText(text);
+    button.textContent = "copied";
+    setTimeout(() => (button.textContent = "copy"), 1500);
+  });
+  return h("div", { class: "example" }, button, h("pre", { class: "command", tabindex: 0 }, h("code", {}, text)));
+}

@@ -1,0 +1,66 @@
+/** What stands beside a replay: the choice of the ego, and why its score is what it is. */
+
+import { h, mark } from "../dom.js";
+import { number, seconds } from "../format.js";
+import { SIGNS, ending, label, meaning, words } from "../words.js";
+import { parked } from "./parked.js";
+import { explain, explainClosedLoop } from "./score.js";
+
+/** A choice of the ego, where there are several. */
+export function choice(replay, player, show) {
+  if (replay.egos.length < 2) return null;
+  const select = h(
+    "select",
+    {
+      change: () => {
+        player.choose(select.value);
+        show(player.views[0].ego);
+      },
+    },
+    replay.egos.map((ego) =>
+      h("option", { value: ego.name, selected: ego.name === player.views[0].ego.name }, ego.name),
+    ),
+  );
+  return h("p", {}, h("label", {}, replay.lot ? "kart " : "ego ", select));
+}
+
+/** Why an ego has its score: how its drive ended, the factors, and the infractions, each of which seeks its moment. */
+export function why(ego, replay, player, closed = null) {
+  const kind = meaning(ego.status);
+  return [
+    h("p", { class: `status large ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(ego.status)),
+    ego.failure && h("p", { class: "reason" }, ego.failure),
+    h("h2", {}, ego.parking ? "How it parked" : "Why this score"),
+    ego.parking ? parked(ego) : closed ? explainClosedLoop(closed) : explain(ego, replay.rules),
+    h("h2", {}, titleOf(ego)),
+    h(
+      "ol",
+      { class: "infractions" },
+      ego.infractions.map((one) =>
+        h(
+          "li",
+          {},
+          h(
+            "button",
+            { type: "button", class: "row", click: () => player.clock.seek(one.time_s) },
+            mark(one.kind, words.marks[one.kind].path, one.at_fault === false),
+            h("span", {}, h("b", {}, label(one.kind)), h("span", { class: "quiet detail" }, detail(one))),
+            h("time", {}, `${seconds(one.time_s)} s`),
+          ),
+        ),
+      ),
+    ),
+  ];
+}
+
+function titleOf(ego) {
+  const what = ego.parking ? "contact" : "infraction";
+  return ego.infractions.length ? `${what[0].toUpperCase()}${what.slice(1)}s (${ego.infractions.length})` : `No ${what}`;
+}
+
+function detail(one) {
+  const fault = one.at_fault === null || one.at_fault === undefined ? "" : one.at_fault ? "at fault" : "not at fault";
+  return [one.magnitude ? `${number(one.magnitude)} ${one.unit}` : "", one.actor ?? "", fault]
+    .filter(Boolean)
+    .join(" · ");
+}

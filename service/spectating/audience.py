@@ -1,0 +1,97 @@
+"""Audience: the spectators of one world, who share the latest events and keep nobody waiting."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from typing import Final
+
+from dohyo.service.errors import TooManyRequestsError
+
+HEARTBEAT_S: Final = 15.0
+RETRY_MS: Final = 3000
+FULL_RETRY_S: Final = 30.0
+
+
+class Audience:
+    """Spectators of a world.
+
+    Each event is encoded once, and only the latest of each name is kept: a spectator that reads slowly misses scenes,
+    and costs no memory.
+    """
+
+    def __init__(self, watch: Callable[[bool], None], most: int) -> None:
+        """Begins without spectators.
+
+        Args:
+            watch: Called with whether anybody watches, when that changes.
+            most: Most spectators at once.
+        """
+        self._watch, self._most = watch, most
+        self._latest: dict[str, tuple[int, bytes]] = {}
+        self._number = 0
+        self._ended = False
+        self._waiting: set[asyncio.Event] = set()
+
+    @property
+    def watching(self) -> int:
+        """Number of spectators."""
+        return len(self._waiting)
+
+    def tell(self, name: str, data: bytes) -> None:
+        """Tells an event to all spectators.
+
+        Args:
+            name: Name of the event.
+            data: JSON in one line.
+        """
+        self._number += 1
+        self._latest[name] = self._number, b"event: %s\ndata: %s\n\n" % (name.encode(), data)
+        for fresh in self._waiting:
+            fresh.set()
+
+    def end(self, data: bytes) -> None:
+        """Tells that the world has ended, as the last event."""
+        self._latest.pop("scene", None)
+        self._ended = True
+        self.tell("end", data)
+
+    def check_room(self) -> None:
+        """Raises TooManyRequestsError if there is no room for another spectator."""
+        if len(self._waiting) >= self._most:
+            raise TooManyRequestsError(f"the world has its {self._most} spectators", FULL_RETRY_S)
+
+    async def events(self) -> AsyncIterator[bytes]:
+        """The events for one new spectator, until the world has ended; comments in silence."""
+        fresh, seen = asyncio.Event(), 0
+        self._join(fresh)
+        try:
+            yield b"retry: %d\n\n" % RETRY_MS
+            while True:
+                events = b"".join(event for number, event in self._latest.values() if number > seen)
+                seen, over = self._number, self._ended
+                fresh.clear()
+                yield events or b": still here\n\n"
+                if over:
+                    return
+                await _wait(fresh)
+        finally:
+            self._leave(fresh)
+
+    def _join(self, fresh: asyncio.Event) -> None:
+        self._waiting.add(fresh)
+        if len(self._waiting) == 1 and not self._ended:
+            self._watch(True)
+
+    def _leave(self, fresh: asyncio.Event) -> None:
+        self._waiting.discard(fresh)
+        if not self._waiting and not self._ended:
+            self._watch(False)
+            self._latest = {name: told for name, told in self._latest.items() if name == "state"}  # the rest is old
+
+
+async def _wait(fresh: asyncio.Event) -> None:
+    try:
+        await asyncio.wait_for(fresh.wait(), HEARTBEAT_S)
+    except TimeoutError:
+        return

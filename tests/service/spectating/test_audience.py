@@ -1,0 +1,54 @@
+"""The audience of a world: the latest events for all, and no memory for those who do not read."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from dohyo.service.errors import TooManyRequestsError
+from dohyo.service.spectating.audience import Audience
+
+
+def test_a_slow_spectator_gets_the_latest_scene_and_costs_nothing() -> None:
+    watched: list[bool] = []
+    audience = Audience(watched.append, most=1)
+    audience.tell("state", b"{}")
+
+    async def watch() -> None:
+        events = audience.events()
+        assert await anext(events) == b"retry: 3000\n\n"
+        with pytest.raises(TooManyRequestsError):
+            audience.check_room()
+        assert await anext(events) == b"event: state\ndata: {}\n\n"
+        for tick in range(10_000):
+            audience.tell("scene", b"%d" % tick)
+        assert await anext(events) == b"event: scene\ndata: 9999\n\n"
+        audience.tell("scene", b"10000")
+        audience.end(b"{}")
+        assert [event async for event in events] == [b"event: end\ndata: {}\n\n"]
+        assert audience.watching == 0
+
+    asyncio.run(watch())
+    assert watched == [True]
+
+
+def test_the_process_is_asked_for_scenes_only_while_somebody_watches() -> None:
+    watched: list[bool] = []
+    audience = Audience(watched.append, most=2)
+
+    async def watch() -> None:
+        one, other = audience.events(), audience.events()
+        await anext(one)
+        await anext(other)
+        audience.tell("scene", b"1")
+        await one.aclose()
+        assert watched == [True]
+        await other.aclose()
+        assert watched == [True, False]
+        again = audience.events()
+        await anext(again)
+        assert await anext(again) == b": still here\n\n"  # not the old scene
+        await again.aclose()
+
+    asyncio.run(watch())
