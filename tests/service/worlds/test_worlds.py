@@ -6,116 +6,18 @@ import json
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
-import numpy as np
 import pytest
 
-from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.sumo_networks.scenario import Place, Scenario, Traffic
 from tests.service.serving import Served, serving
+from tests.service.worlds.agents import Keeper
+from tests.service.worlds.clients import AHEAD, PATIENCE_S, SPEEDS, Client, scenario
 
 ROOT = Path(__file__).parents[3]
-SPEEDS = {"front": 9.0, "middle": 7.0, "back": 5.0}
-AHEAD = [6.0, 0.0]
-PATIENCE_S = 300.0
-
-
-class Keeper(Agent):
-    """What examples/world_worker.py does, in one process."""
-
-    spec = AgentSpec(name="keeper", sensors=("speedometer",), control="lane_command")
-
-    def __init__(self, speed_mps: float) -> None:
-        self.speed_mps = speed_mps
-
-    def reset(self, mission: Mission, seed: int) -> None:
-        pass
-
-    def act(self, observation: Observation) -> np.ndarray:
-        return np.array([min(self.speed_mps, float(observation["speedometer"][0]) + 0.5), 0.0])
-
-    def close(self) -> None:
-        pass
-
-
-def scenario(egos: int = 3, goal_m: float = 20.0) -> Scenario:
-    """Egos one behind the other on a street of Ingolstadt."""
-    missions = tuple(
-        Mission(
-            name=name,
-            start=Place(lane="737320747#3_2", position_m=50.0 - 15.0 * place),
-            goal=Place(lane="737320747#4_2", position_m=goal_m),
-        )
-        for place, name in enumerate(list(SPEEDS)[:egos])
-    )
-    return Scenario(name="street", network="ingolstadt", missions=missions, traffic=Traffic(warm_up_s=0.0))
-
-
-class Client:
-    """Sends requests to a served service with one token."""
-
-    def __init__(self, served: Served, token: str = "") -> None:
-        self.url, self.token = served.url, token or served.token
-
-    def send(self, method: str, path: str, document: Any = None, token: str = "") -> httpx.Response:
-        headers = {"authorization": f"Bearer {token or self.token}"}
-        return httpx.request(method, self.url + path, json=document, headers=headers, timeout=120)
-
-    def world(self, **options: Any) -> str:
-        """A new world."""
-        answer = self.send("POST", "/v1/worlds", {"scenario": scenario().model_dump(mode="json")} | options)
-        assert answer.status_code == 201, answer.text
-        return str(answer.json()["id"])
-
-    def get(self, world: str) -> Any:
-        return self.send("GET", f"/v1/worlds/{world}").json()
-
-    def order(self, world: str, what: str, document: Any = None) -> Any:
-        answer = self.send("POST", f"/v1/worlds/{world}/{what}", document)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
-
-    def join(self, world: str, name: str, *egos: str) -> httpx.Response:
-        asked = {"name": name, "egos": list(egos), "sensors": ["speedometer"], "control": "lane_command"}
-        return self.send("POST", f"/v1/worlds/{world}/join", asked)
-
-    def seat(self, world: str, name: str, *egos: str) -> Any:
-        answer = self.join(world, name, *egos)
-        assert answer.status_code == 201, answer.text
-        return answer.json()
-
-    def step(self, seat: Any, tick: int, **actions: Any) -> httpx.Response:
-        return self.send("POST", f"/v1/seats/{seat['seat']}/step", {"tick": tick, "actions": actions}, seat["token"])
-
-    def until(self, world: str, true: Callable[[Any], bool]) -> Any:
-        """The world, once something holds for it."""
-        ends = time.monotonic() + PATIENCE_S
-        while not true(found := self.get(world)):
-            assert time.monotonic() < ends, found
-            time.sleep(0.05)
-        return found
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    with serving(tmp_path_factory.mktemp("worlds") / "data") as one:
-        yield one
-
-
-@pytest.fixture
-def client(served: Served) -> Iterator[Client]:
-    """The administrator, who ends all worlds afterwards."""
-    one = Client(served)
-    yield one
-    for world in one.send("GET", "/v1/worlds").json()["items"]:
-        if world["finished"] is None:
-            one.order(world["id"], "end")
 
 
 def worker(client: Client, world: str, name: str) -> subprocess.Popen[str]:
