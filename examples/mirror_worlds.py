@@ -1,0 +1,54 @@
+"""Two worlds that mirror each other's egos: each is in the other one as an actor, and both tick together.
+
+    python examples/mirror_worlds.py http://127.0.0.1:8000 TOKEN WORLD OTHER_WORLD
+
+Needs nothing but Python. For worlds at two services, give SERVER TOKEN WORLD twice.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from world_worker import post
+
+Reply = dict[str, Any]
+
+
+class Side:
+    """A place in one of the worlds."""
+
+    def __init__(self, server: str, token: str, world: str) -> None:
+        """Joins the world."""
+        asked = {"name": "mirror", "coupled": True}
+        self.server, self.seat = server, post(f"{server}/v1/worlds/{world}/join", token, asked)
+        self.reply: Reply = self.seat | {"done": False}
+        self.there: set[str] = set()
+
+    def egos(self) -> list[Reply]:
+        """Egos of this world as actors for the other one."""
+        return [row | {"name": f"mirrored:{row['name']}"} for row in self.reply["actors"] if row["role"] == "ego"]
+
+    def step(self, egos: list[Reply]) -> None:
+        """Puts the egos of the other world, and waits for the next tick."""
+        names = {row["name"] for row in egos}
+        actors = {"put": egos, "remove": sorted(self.there - names)}
+        step = {"tick": self.reply["tick"], "actions": {}, "actors": actors}
+        self.reply = post(f"{self.server}/v1/seats/{self.seat['seat']}/step", self.seat["token"], step)
+        self.there = names
+
+
+def main() -> None:
+    """Mirrors until the egos of one world have ended their drives."""
+    told = sys.argv[1:]
+    one, other = (told[:3], told[3:]) if len(told) == 6 else (told[:3], [*told[:2], told[3]])
+    sides = Side(*one), Side(*other)
+    print("mirrored", flush=True)
+    while not any(side.reply["done"] for side in sides):
+        seen = sides[0].egos(), sides[1].egos()
+        sides[0].step(seen[1])
+        sides[1].step(seen[0])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""The examples of two simulators in one world, as users start them."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from dohyo.evaluation.agent import Mission
+from dohyo.sumo_networks.scenario import Place, Scenario, Traffic
+from tests.service.worlds import fake_carla
+from tests.service.worlds.clients import PATIENCE_S, Client
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+STREET = "737320747#3_2"
+
+
+def street(name: str, start_m: float, goal_m: float = 45.0) -> Scenario:
+    """One ego in the middle lane of a street of 53 m."""
+    start, goal = Place(lane=STREET, position_m=start_m), Place(lane=STREET, position_m=goal_m)
+    mission = Mission(name=name, start=start, goal=goal)
+    return Scenario(network="ingolstadt", missions=(mission,), traffic=Traffic(warm_up_s=0.0))
+
+
+def made(client: Client, scenario: Scenario, **options: Any) -> str:
+    return client.world(scenario=scenario.model_dump(mode="json"), record=True, deadline_s=60, **options)
+
+
+def started(client: Client, example: str, *arguments: str) -> subprocess.Popen[str]:
+    """An example in a process of its own, once it has joined."""
+    command = [sys.executable, str(EXAMPLES / example), client.url, client.token, *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline()
+    return process
+
+
+def ego_record(client: Client, world: str) -> Any:
+    (found,) = client.send("GET", f"/v1/worlds/{world}/record").json()["egos"]
+    return found
+
+
+def trajectory(client: Client, world: str) -> pl.DataFrame:
+    with tempfile.NamedTemporaryFile(suffix=".parquet") as file:
+        file.write(client.send("GET", f"/v1/worlds/{world}/trajectory").content)
+        file.flush()
+        return pl.read_parquet(file.name)
+
+
+def test_commonroads_multi_body_model_drives_a_mission(client: Client) -> None:
+    world = made(client, street("ego", 8.0))
+    process = started(client, "commonroad_plant.py", world, "ego", "8.0")
+    assert process.wait(PATIENCE_S) == 0
+    ended = client.until(world, lambda found: found["finished"] is not None)
+    assert ended["status"] == "done"
+    found = ego_record(client, world)
+    assert (found["status"], found["infractions"]) == ("perfect", [])
+    assert found["agent"]["control"] == "pose"
+    speeds = trajectory(client, world)["speed"]
+    assert speeds.max() > 6.0, "the multi-body model has driven, not only the kinematic one"
+
+
+def test_two_worlds_mirror_each_others_egos(client: Client) -> None:
+    standing = made(client, street("leader", 38.0, 50.0), undriven="stand")
+    driving = made(client, street("follower", 8.0, 50.0))
+    process = started(client, "mirror_worlds.py", standing, driving)
+    for world in (standing, driving):
+        client.order(world, "resume")
+    assert process.wait(PATIENCE_S) == 0
+    client.order(standing, "end")
+    follower = ego_record(client, driving)
+    assert (follower["status"], follower["contacts"]) == ("perfect", 0)
+    paths = [trajectory(client, world) for world in (standing, driving)]
+    assert paths[1]["lateral"].abs().max() > 1.5, "it passes the leader, who is in the other world"
+    seen = [set(path["name"]) for path in paths]
+    assert seen == [{"leader", "external:mirrored:ego:follower"}, {"follower", "external:mirrored:ego:leader"}]
+
+
+def test_the_bridge_to_carla_with_a_stand_in(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import carla_bridge  # type: ignore[import-not-found]
+
+    scenario = street("hero", 8.0)
+    behind = scenario.missions[0].model_copy(update={"name": "behind", "start": Place(lane=STREET, position_m=1.0)})
+    world = made(client, scenario.model_copy(update={"missions": (*scenario.missions, behind)}))
+    look = client.seat(world, "look", coupled=True)
+    client.send("POST", f"/v1/seats/{look['seat']}/leave", token=look["token"])
+    (hero,) = [row for row in look["actors"] if row["name"] == "ego:hero"]
+
+    carla = fake_carla.Client()
+    yaw = -math.degrees(hero["heading_rad"])
+    offset = (1000.0, -500.0)
+
+    def place(metres: float, left: float = 0.0) -> fake_carla.Transform:
+        x = hero["x_m"] + metres * math.cos(hero["heading_rad"]) - left * math.sin(hero["heading_rad"])
+        y = hero["y_m"] + metres * math.sin(hero["heading_rad"]) + left * math.cos(hero["heading_rad"])
+        return fake_carla.Transform(fake_carla.Location(x - offset[0], -(y - offset[1])), fake_carla.Rotation(yaw=yaw))
+
+    def spawned(kind: str, role: str, at: fake_carla.Transform) -> fake_carla.Actor:
+        blueprint = fake_carla.ActorBlueprint(kind)
+        blueprint.set_attribute("role_name", role)
+        made = carla.world.try_spawn_actor(blueprint, at)
+        assert made is not None
+        return made
+
+    spawned("vehicle.audi.tt", "hero", place(0.0)).acceleration = 2.0
+    spawned("vehicle.audi.tt", "autopilot", place(20.0, left=8.0))
+    spawned("walker.pedestrian.0009", "", place(10.0, left=9.0))
+    bridge = carla_bridge.Bridge(fake_carla, carla, offset)
+    client.order(world, "resume")
+    tick = carla_bridge.couple(bridge, client.url, client.token, world, "hero")
+    (shown,) = bridge.shown.values()
+    assert (shown.attributes["role_name"], shown.get_transform().location.z) == ("dohyo", 0.3)
+    driven = math.dist(*((one.location.x, one.location.y) for one in (shown.places[0], shown.places[-1])))
+    assert driven > 5.0, "the autopilot drives it behind the hero"
+    bridge.close()
+    assert (len(carla.world.actors), carla.world.settings.synchronous_mode) == (3, False)
+    client.order(world, "end")
+    record = client.send("GET", f"/v1/worlds/{world}/record").json()
+    assert record["egos"][0]["status"] == "perfect"
+    assert record["egos"][0]["driven_m"] == pytest.approx(0.5 * 2.0 * (0.1 * tick) ** 2, rel=0.01)
+    kinds = trajectory(client, world).filter(pl.col("name").str.starts_with("external"))["kind"]
+    assert set(kinds) == {0, 6}
