@@ -1,4 +1,7 @@
-"""Implicit quantile network (Dabney et al. 2018): the distribution of every discrete action's return."""
+"""Implicit quantile network (Dabney et al. 2018): the distribution of every discrete action's return.
+
+Rainbow-IQN (Toromanoff et al. 2019) is this with `double`, `dueling`, `noise`, and the replay's steps and priorities.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +36,9 @@ class IqnConfig(OffPolicyConfig):
         last_exploration: The same from `exploration_steps` on.
         exploration_steps: Environment steps between the two, linearly.
         hidden: Width of each hidden layer.
+        double: Whether the learned network chooses the action that the target network values (van Hasselt et al. 2016).
+        dueling: Whether values are those of a state and advantages (Wang et al. 2016).
+        noise: Deviation of the head's noisy weights at the start (Fortunato et al. 2018: 0.5); 0: none.
     """
 
     batch: Positive = 32
@@ -48,6 +54,9 @@ class IqnConfig(OffPolicyConfig):
     last_exploration: Share = 0.05
     exploration_steps: Positive = 10_000
     hidden: Annotated[tuple[Positive, ...], Field(min_length=1)] = (64, 64)
+    double: bool = False
+    dueling: bool = False
+    noise: Annotated[float, Field(ge=0)] = 0.0
 
 
 class IqnPolicy(nn.Module):
@@ -83,9 +92,11 @@ class Iqn(OffPolicy[IqnConfig]):
     def build(self, features: int) -> None:
         """See `OffPolicy`."""
         config, self._choices = self._config, self._unit.size
-        self.network = QuantileNetwork(features, self._choices, config.hidden).to(self._device)
+        self.network = QuantileNetwork(
+            features, self._choices, config.hidden, dueling=config.dueling, noise=config.noise
+        ).to(self._device)
         self.target = deepcopy(self.network).requires_grad_(False)
-        self.policy = IqnPolicy(self.encoder, self.network, config.greedy_quantiles).to(self._device)
+        self.policy = self._own_policy = IqnPolicy(self.encoder, self.network, config.greedy_quantiles).to(self._device)
         self._target_policy = IqnPolicy(self.encoder, self.target, config.greedy_quantiles).to(self._device)
         self._parameters = [*self.encoder.parameters(), *self.network.parameters()]
         learned = parameter_groups(self.encoder, self.network)
@@ -100,12 +111,15 @@ class Iqn(OffPolicy[IqnConfig]):
 
     def explore(self, observation: TensorDictBase) -> Tensor:
         """The policy's action, or a random one."""
+        self.network.renew_noise()
         greedy = self.policy(observation)
         drawn = torch.randint_like(greedy, self._choices)
         return torch.where(torch.rand(greedy.shape, device=greedy.device) < self.exploration, drawn, greedy)
 
     def learn(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """See `OffPolicy`."""
+        self.network.renew_noise()
+        self.target.renew_noise()
         levels = torch.rand(len(batch), self._config.quantiles, device=self._device)
         quantiles = _of_actions(self.network(self.encoder(batch["observation"]), levels), batch["action"])
         losses = quantile_huber(quantiles, levels, self.target_quantiles(batch), self._config.kappa)
@@ -122,10 +136,11 @@ class Iqn(OffPolicy[IqnConfig]):
 
     @torch.no_grad()
     def target_quantiles(self, batch: TensorDictBase) -> Tensor:
-        """(B, N') r + gamma Z'(s', a'), at drawn levels, a' the target network's best action."""
+        """(B, N') r + gamma Z'(s', a'), at drawn levels, a' the best action of the target or learned network."""
         features = self.encoder(batch["next", "observation"])
         levels = torch.rand(len(batch), self._config.target_quantiles, device=self._device)
-        following = _of_actions(self.target(features, levels), self._target_policy.greedy(features))
+        chooser = self._own_policy if self._config.double else self._target_policy
+        following = _of_actions(self.target(features, levels), chooser.greedy(features))
         target: Tensor = batch["next", "reward"] + self._discount(batch)[:, None] * following
         return target
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
 import torch
@@ -55,7 +55,16 @@ class OffPolicyConfig(Config):
 C = TypeVar("C", bound=OffPolicyConfig)
 
 
-def make_replay(task: Task, run: TaskRun, config: OffPolicyConfig, rows: int, **options: Any) -> Replay:
+def make_replay(
+    task: Task,
+    run: TaskRun,
+    config: OffPolicyConfig,
+    rows: int,
+    *,
+    kind: Callable[..., Replay] = Replay,
+    room_for_others: Callable[[int], int] = lambda steps: 0,
+    **options: Any,
+) -> Replay:
     """Replay in a run's folder, with slack for what two checkpoint intervals add.
 
     Args:
@@ -63,13 +72,16 @@ def make_replay(task: Task, run: TaskRun, config: OffPolicyConfig, rows: int, **
         run: Its folder and configuration.
         config: Of the algorithm.
         rows: Of the collector.
-        options: `stack` and `extras` of `Replay`.
+        kind: Class of the replay.
+        room_for_others: Entries that other producers add during a number of the collector's steps.
+        options: `stack` and `extras` of `Replay`, and what its class needs.
     """
     # A step adds one entry, or two where an episode begins; a checkpoint waits for the end of a round.
-    slack = 2 * 2 * (run.config.checkpoint_every + rows * config.round_steps)
+    steps = 2 * (run.config.checkpoint_every + rows * config.round_steps)
+    slack = 2 * steps + room_for_others(steps)
     spaces = named(task.observation_space), task.action_space
     seed = run.config.seed
-    return Replay(run.folder / "replay", spaces, config.replay, gamma=config.gamma, slack=slack, seed=seed, **options)
+    return kind(run.folder / "replay", spaces, config.replay, gamma=config.gamma, slack=slack, seed=seed, **options)
 
 
 class OffPolicy(ABC, Generic[C]):
@@ -143,7 +155,8 @@ class OffPolicy(ABC, Generic[C]):
     @property
     def columns(self) -> tuple[str, ...]:
         """See the class."""
-        return ("updates", "episodes", "return", "length", "success", "demonstrated", *self.losses)
+        told = ("updates", "episodes", "return", "length", "success", "demonstrated", "replay_demonstrated")
+        return (*told, *self.losses)
 
     @abstractmethod
     def explore(self, observation: TensorDictBase) -> Tensor:
@@ -177,6 +190,7 @@ class OffPolicy(ABC, Generic[C]):
         finished = self._collector.finished()
         own = [episode for episode in finished if not episode.demonstrated]
         row |= {"demonstrated": 1.0 - len(own) / len(finished)} if finished else {}
+        row["replay_demonstrated"] = self.replay.share(DEMONSTRATOR)
         return row | outcome(own) | means
 
     def _update(self, sums: dict[str, Tensor]) -> None:
@@ -194,7 +208,7 @@ class OffPolicy(ABC, Generic[C]):
 
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
-        with torch.no_grad(), evaluating(self.encoder):
+        with torch.no_grad(), evaluating(cast(nn.Module, self.policy)):
             actions = self.policy(observation.to(self._device))
         return np.asarray(actions.cpu().numpy())
 

@@ -7,6 +7,7 @@ its seed, length, return, success and digest. A folder without it is incomplete,
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -195,6 +196,11 @@ class Demonstrations:
     def __len__(self) -> int:
         """Number of episodes."""
         return len(self.index.episodes)
+
+    @cached_property
+    def highest_reward(self) -> float:
+        """Highest reward of a recorded step."""
+        return max(float(self.episode(number)["reward"].max()) for number in range(len(self)))
 
     def episode(self, number: int) -> dict[str, Array]:
         """Arrays of an episode: "observation.NAME" (T + 1, ...), "action" (T, ...) and "reward" (T,).

@@ -99,6 +99,11 @@ class Replay:
         """Entries in the window, with the last observations of episodes."""
         return self._head - self._start
 
+    def share(self, source: int) -> float:
+        """Probability that a drawn transition is of a source."""
+        total = sum(tree.total for tree in self._trees.values())
+        return self._trees[source].total / total if source in self._trees and total else 0.0
+
     @property
     def _start(self) -> int:
         """First position of the window."""

@@ -27,8 +27,9 @@ from dohyo.agents.learning.runs.config import Positive, RunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import train_task
-from dohyo.agents.learning.tasks.task import Env, Task, check_task, held_out_seeds, named
+from dohyo.agents.learning.tasks.task import Env, Task, check_task, named
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
 
@@ -63,10 +64,12 @@ class GymnasiumTask(Task):
     Attributes:
         env: Name in gymnasium's registry.
         episodes: Number of held-out episodes.
+        first: Seed of the first of them.
     """
 
     env: str
     episodes: int = 20
+    first: int = HELD_OUT_FROM
 
     @property
     def name(self) -> str:
@@ -76,7 +79,7 @@ class GymnasiumTask(Task):
     @property
     def held_out(self) -> Sequence[int]:
         """See `Task`."""
-        return held_out_seeds(self.episodes)
+        return range(self.first, self.first + self.episodes)
 
     @cached_property
     def _spaces(self) -> tuple[Any, Any]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 
 import torch
 from gymnasium.spaces import Box, Dict
 from torch import Tensor, nn
+from torchrl.modules import NoisyLinear
 
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -142,6 +144,27 @@ class DeterministicHead(nn.Module):
         return torch.tanh(self.body(features))
 
 
+class DuelingHead(nn.Module):
+    """Features -> values of actions, as a state's value and advantages whose mean is 0 (Wang et al. 2016)."""
+
+    def __init__(self, features: int, actions: int, linear: Callable[[int, int], nn.Module]) -> None:
+        """Draws weights from torch's generator.
+
+        Args:
+            features: F.
+            actions: A.
+            linear: Makes a layer.
+        """
+        super().__init__()
+        self.value, self.advantage = linear(features, 1), linear(features, actions)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(..., F) -> (..., A)."""
+        advantage: Tensor = self.advantage(features)
+        values: Tensor = self.value(features) + advantage - advantage.mean(dim=-1, keepdim=True)
+        return values
+
+
 class QuantileNetwork(nn.Module):
     """Implicit quantile network (Dabney et al. 2018): features and levels -> quantiles of every action's return.
 
@@ -151,18 +174,24 @@ class QuantileNetwork(nn.Module):
 
     frequencies: Tensor
 
-    def __init__(self, features: int, actions: int, hidden: Sequence[int]) -> None:
+    def __init__(
+        self, features: int, actions: int, hidden: Sequence[int], *, dueling: bool = False, noise: float = 0.0
+    ) -> None:
         """Draws weights from torch's generator.
 
         Args:
             features: F.
             actions: Number of choices, A.
             hidden: Width of each hidden layer; the last one's is that of the levels' embedding.
+            dueling: Whether the head is a `DuelingHead`.
+            noise: Deviation of the head's weights at the start (Fortunato et al. 2018), in training; 0: none.
         """
         super().__init__()
         self.body = nn.Sequential(mlp((features, *hidden)), nn.ReLU())
         self.embedding = nn.Sequential(nn.Linear(COSINES, hidden[-1]), nn.ReLU())
-        self.head = nn.Linear(hidden[-1], actions)
+        noisy = partial(NoisyLinear, std_init=noise, use_exploration_type=False)  # by `training`, as dropout
+        linear: Callable[[int, int], nn.Module] = noisy if noise else nn.Linear
+        self.head = DuelingHead(hidden[-1], actions, linear) if dueling else linear(hidden[-1], actions)
         self.register_buffer("frequencies", math.pi * torch.arange(COSINES))
 
     def forward(self, features: Tensor, levels: Tensor) -> Tensor:
@@ -177,6 +206,12 @@ class QuantileNetwork(nn.Module):
         """
         mean: Tensor = self.head(self.body(features) * self._embedded(levels).mean(dim=0))
         return mean
+
+    def renew_noise(self) -> None:
+        """Draws the noise of the weights anew, from torch's generator."""
+        for layer in self.head.modules():
+            if isinstance(layer, NoisyLinear):
+                layer.reset_noise()
 
     def _embedded(self, levels: Tensor) -> Tensor:
         """(..., N) -> (..., N, last hidden width)."""
