@@ -68,6 +68,9 @@ TRAINERS: dict[str, Listed] = {
     "parking": Listed(
         "dohyo.agents.parking.training.dppo_il:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"
     ),
+    "gri": Listed(
+        "dohyo.agents.gri.training:GRI", "any gymnasium environment, by SAC, DDPG or IQN with demonstrations (GRI)"
+    ),
     "priboot": Listed(
         "dohyo.agents.priboot.training.train:PRIBOOT",
         "waypoints of PRIBOOT, from recorded demonstrations",

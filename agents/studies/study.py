@@ -29,6 +29,7 @@ STUDIES: Mapping[str, str] = {
     "ghrl": "dohyo.agents.hierarchical.study.study:STUDY",
     "ghrl-policies": "dohyo.agents.hierarchical.study.evaluate_policies:STUDY",
     "ghrl-trainings": "dohyo.agents.hierarchical.study.trainings:STUDY",
+    "gri": "dohyo.agents.gri.study.study:STUDY",
     "mbappe": "dohyo.agents.mcts.study.study:STUDY",
     "parking": "dohyo.agents.parking.study.study:STUDY",
     "peers": "dohyo.agents.studies.peers:STUDY",

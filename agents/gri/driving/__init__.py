@@ -1,0 +1,1 @@
+"""GRIAD's driving task: its choices, what it sees, its reward, and the episodes."""

@@ -1,0 +1,1 @@
+"""Study of GRI: its arms, trainings, judgements and tables."""

@@ -1,0 +1,148 @@
+"""Arms of the study: rows 1 to 4 of the thesis's comparisons, as settings of the trainer `gri`, and their experts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from dohyo.agents.gri.training import GriRunConfig
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.gymnasium.task import GymnasiumConfig
+
+_ALL: Final = ("device=cpu", "tensorboard=false", "tier=2")
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What is learned, equal in all of its arms.
+
+    Attributes:
+        env: See `GriRunConfig`.
+        learning: Settings of a training, for whatever algorithm.
+        sizes: Settings of each algorithm, without its name.
+        expert: Settings of the expert's training by SAC; None: the task has its own expert.
+        shown: Number of demonstrations.
+    """
+
+    env: str
+    learning: tuple[str, ...]
+    sizes: tuple[str, ...]
+    expert: tuple[str, ...] | None
+    shown: int = 20
+
+    def sized(self, algorithm: str) -> tuple[str, ...]:
+        """Settings of one algorithm."""
+        return tuple(f"{algorithm}.{setting}" for setting in self.sizes)
+
+
+_CHEETAH_SIZES: Final = ("hidden=[128,128]", "batch=128", "learning_rate=1e-3", "replay.capacity=200000")
+_FULL: Final = ("steps=100000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=10")
+_FULL_SIZES: Final = ("hidden=[256,256]", "batch=256", "learning_rate=1e-3", "replay.capacity=500000")
+_LONG: Final = ("steps=300000", "evaluate_every=30000", "checkpoint_every=30000", "episodes=5")
+
+
+def _mujoco(env: str) -> Problem:
+    """A task of MuJoCo at 100,000 steps, with an expert of 300,000."""
+    return Problem(env, _FULL, (*_FULL_SIZES, "learning_starts=5000"), _LONG)
+
+
+PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
+    {
+        "pendulum": Problem(
+            "Pendulum-v1",
+            ("steps=4000", "evaluate_every=500", "checkpoint_every=2000", "episodes=10"),
+            ("hidden=[64,64]", "batch=64", "learning_rate=1e-3", "replay.capacity=50000", "round_steps=500"),
+            ("steps=5000", "evaluate_every=2500", "checkpoint_every=5000", "sac.round_steps=1000"),
+        ),
+        "cheetah": Problem(
+            "HalfCheetah-v5",
+            ("steps=15000", "evaluate_every=2500", "checkpoint_every=5000", "episodes=5"),
+            (*_CHEETAH_SIZES, "learning_starts=1000", "round_steps=500"),
+            ("steps=60000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=5", "sac.round_steps=1000"),
+        ),
+        "cheetah-full": _mujoco("HalfCheetah-v5"),
+        "walker-full": _mujoco("Walker2d-v5"),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GriArm:
+    """Trainings of an arm.
+
+    Attributes:
+        problem: Name in `PROBLEMS`.
+        algorithm: What learns.
+        gri: Settings of GRI, without the table's name.
+        told: What it is, in a few words.
+    """
+
+    problem: str
+    algorithm: str
+    gri: tuple[str, ...]
+    told: str
+
+    @property
+    def noise(self) -> float:
+        """Share of bad demonstrations."""
+        return self._config((), 0).gri.demo_noise
+
+    def config(self, seed: int, demonstrations: Path) -> GriRunConfig:
+        """Settings of a training."""
+        return self._config((f"demonstrations={demonstrations}",), seed)
+
+    def _config(self, more: tuple[str, ...], seed: int) -> GriRunConfig:
+        problem = PROBLEMS[self.problem]
+        settings = (
+            *_ALL, *problem.learning, *problem.sized(self.algorithm), *(f"gri.{one}" for one in self.gri),
+            f"env={problem.env}", f"algorithm={self.algorithm}", f"shown={problem.shown}", f"seed={seed}",
+        )  # fmt: skip
+        return read_settings(GriRunConfig, None, (*settings, *more))
+
+
+def expert_config(problem: str) -> GymnasiumConfig:
+    """Settings of the training of a problem's expert."""
+    found = PROBLEMS[problem]
+    settings = (*_ALL, *found.sized("sac"), *(found.expert or ()), f"env={found.env}", "algorithm=sac")
+    return read_settings(GymnasiumConfig, None, settings)
+
+
+def _shares(problem: str, algorithm: str, *percents: int) -> dict[str, GriArm]:
+    """An arm for each share of demonstrations."""
+    alone = {0: f"{algorithm.upper()} alone", 100: "demonstrations only"}
+    return {
+        f"{problem}-{algorithm}-p{percent}": GriArm(
+            problem,
+            algorithm,
+            (f"p_demo={percent / 100}",),
+            alone.get(percent, f"GRI-{algorithm.upper()}, {percent} %"),
+        )
+        for percent in percents
+    }
+
+
+def _noisy(problem: str, *percents: int) -> dict[str, GriArm]:
+    """An arm for each share of bad demonstrations, at a p_demo of 20 %."""
+    return {
+        f"{problem}-sac-noise{percent}": GriArm(
+            problem, "sac", ("p_demo=0.2", f"demo_noise={percent / 100}"), f"GRI-SAC, 20 %, {percent} % bad"
+        )
+        for percent in percents
+    }
+
+
+ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
+    {
+        **_shares("pendulum", "sac", 0, 10, 20, 30, 40, 60, 100),
+        **_shares("pendulum", "ddpg", 0, 20),
+        **_noisy("pendulum", 10, 30),
+        **_shares("cheetah", "sac", 0, 10, 20, 40),
+        **_shares("cheetah-full", "sac", 0, 10, 20, 30, 40, 60),
+        **_shares("cheetah-full", "ddpg", 0, 20),
+        **_noisy("cheetah-full", 10, 30),
+        **_shares("walker-full", "sac", 0, 10, 20, 30, 40, 60),
+    }
+)

@@ -1,0 +1,161 @@
+"""Study `gri`: rows 1 to 4 of the thesis's comparisons. The same command resumes trainings and judgements.
+
+    python -m dohyo.agents.studies gri run --set runs=out/gri --arms pendulum-sac-p20 --trainings 0
+    python -m dohyo.agents.studies gri table --rows out/studies/gri
+
+A training is RUNS/ARM/seed-N, as `dohyo train gri` makes it. Its last policy is judged on episodes that no evaluation
+of the training uses; the evaluations are the rows of its curve. An expert is RUNS/experts/PROBLEM, its demonstrations
+are in RUNS/demonstrations.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from tensordict import TensorDict
+
+from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, GriArm, expert_config
+from dohyo.agents.gri.study.tables import CURVE, LAST, claims, curves, expert_of, shares
+from dohyo.agents.gri.training import GRI, GriRunConfig, record
+from dohyo.agents.learning.experience.demonstrations import INDEX
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumTask
+from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
+from dohyo.agents.learning.runs.config import BaseRunConfig
+from dohyo.agents.learning.runs.evaluation import evaluate
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.tasks.task import Array, Task
+from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.study import Study
+from dohyo.agents.studies.tables import PAGE
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+
+TRAININGS: Final = (0, 1, 2)
+JUDGED: Final = range(HELD_OUT_FROM + 1_000_000, HELD_OUT_FROM + 1_000_020)
+"""Seeds of the episodes on which the last policy of a training is judged; evaluations of trainings use lower ones."""
+
+
+class Options(Config):
+    """Options of a run.
+
+    Attributes:
+        runs: Folder of all trainings.
+    """
+
+    runs: Path = Path("out/gri")
+
+
+def cells(options: Options) -> list[Cell]:
+    """Each training's judged episodes, and the evaluations of its curve."""
+    found = []
+    for name, arm in ARMS.items():
+        steps = evaluated_at(arm.config(0, Path()))
+        for training in TRAININGS:
+            found += [Cell(name, training, f"{arm.problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
+            found += [Cell(name, training, f"{arm.problem}, {CURVE}", f"step-{step}", step) for step in steps]
+    for problem in PROBLEMS:
+        found += [Cell(expert_of(problem), None, f"{problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
+    return found
+
+
+def evaluated_at(config: GriRunConfig) -> list[int]:
+    """Steps of a training's evaluations."""
+    return list(range(0, config.steps + 1, config.evaluate_every))
+
+
+def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
+    """Trains the experts of the wanted arms, and records their demonstrations, where there are none."""
+    for problem in dict.fromkeys(cell.benchmark.partition(",")[0] for cell in wanted):
+        _train(GYMNASIUM, "gymnasium", expert_config(problem), options.runs / "experts" / problem)
+    for arm in {cell.arm: ARMS[cell.arm] for cell in wanted if cell.arm in ARMS}.values():
+        folder = shown_in(options.runs, arm)
+        if not (folder / INDEX).exists():
+            expert = str(options.runs / "experts" / arm.problem / "best.onnx")
+            config = arm.config(0, folder).model_copy(update={"expert": expert})
+            record(config, config.task, folder)
+
+
+def shown_in(runs: Path, arm: GriArm) -> Path:
+    """Folder of an arm's demonstrations."""
+    return runs / "demonstrations" / f"{arm.problem}-{100 * arm.noise:g}"
+
+
+def work(options: Options, job: Job) -> Iterator[Row]:
+    """Trains the arm of a job, unless that is done, and judges its last policy; or judges an expert."""
+    torch.set_num_threads(1)
+    if job[0].arm not in ARMS:
+        yield from _expert_rows(options, job)
+        return
+    arm, seed = ARMS[job[0].arm], job[0].training_seed or 0
+    folder = options.runs / job[0].arm / f"seed-{seed}"
+    config = arm.config(seed, shown_in(options.runs, arm))
+    _train(GRI, "gri", config, folder)
+    returns = judged(config.judged_task(JUDGED.start, len(JUDGED)), OnnxPolicy(folder / "policy.onnx"))
+    with (folder / "evaluations.csv").open(newline="") as file:
+        curve = {int(row["steps"]): float(row["return"]) for row in csv.DictReader(file)}
+    told = json.loads((folder / "result.json").read_text())
+    facts = {"steps": told["steps"], "updates": told["updates"], "replay_demonstrated": _stored_share(folder)}
+    for cell in job:
+        value = (curve if cell.benchmark.endswith(CURVE) else returns)[int(cell.seed or 0)]
+        yield {**cell._asdict(), **facts, "return": value}
+
+
+def _expert_rows(options: Options, job: Job) -> Iterator[Row]:
+    """Rows of the expert of a problem."""
+    problem = job[0].benchmark.partition(",")[0]
+    task = GymnasiumTask(PROBLEMS[problem].env, len(JUDGED), JUDGED.start)
+    returns = judged(task, OnnxPolicy(options.runs / "experts" / problem / "best.onnx"))
+    for cell in job:
+        yield {**cell._asdict(), "steps": expert_config(problem).steps, "return": returns[int(cell.seed or 0)]}
+
+
+def judged(task: Task, policy: OnnxPolicy) -> dict[int, float]:
+    """Returns of a policy on the held-out episodes of a task, by their seeds."""
+
+    def act(observation: TensorDict) -> Array:
+        return policy.of_batch({name: values.numpy() for name, values in observation.items()})
+
+    environments = task.make_environments(1, processes=task.alone)
+    try:
+        outcomes = evaluate(task, environments, act).outcomes
+    finally:
+        environments.close()
+    return {outcome.seed: outcome.total for outcome in outcomes}
+
+
+def _stored_share(folder: Path) -> float:
+    """Share of the demonstrator in the replay, mean over the rounds of a training."""
+    with (folder / "metrics.csv").open(newline="") as file:
+        values = [float(row["replay_demonstrated"]) for row in csv.DictReader(file)]
+    return sum(values) / len(values)
+
+
+def _train(trainer: Trainer[Any], name: str, config: BaseRunConfig, folder: Path) -> None:
+    result = folder / "result.json"
+    if not (result.exists() and json.loads(result.read_text())["finished"]):
+        trainer.train(config, TrainRequest(name, folder, (folder / "config.toml").exists(), no_report))
+
+
+def _together(cell: Cell) -> tuple[str, int | None]:
+    return cell.arm, cell.training_seed
+
+
+STUDY = Study(
+    summary="GRI: shares of demonstrations, bad ones, and algorithms, on control and driving",
+    stored=Path(__file__).parents[1] / "results",
+    page=Path(__file__).parents[1] / PAGE,
+    options=Options,
+    cells=cells,
+    work=work,
+    tables={"shares": shares, "curves": curves, "claims": claims},
+    together=_together,
+    prepare=prepare,
+)

@@ -1,0 +1,109 @@
+"""Tables of the study: returns by arm, curves of the trainings, and verdicts on the thesis's directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from dohyo.agents.gri.study.arms import ARMS, PROBLEMS
+from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
+from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.evaluation.statistics import mean_estimate
+
+LAST, CURVE = "last", "curve"
+"""Rows of a training's last policy, and of its evaluations."""
+EARLY: Final = "early"
+"""The first third of a curve, without its start: the warm-up of the thesis."""
+
+
+def expert_of(problem: str) -> str:
+    """Name of the arm of a problem's expert."""
+    return f"{problem}-expert"
+
+
+def _claims(problem: str, alone: str) -> list[Claim]:
+    """Directions of the thesis on one problem.
+
+    Args:
+        problem: Its name.
+        alone: Arm without demonstrations.
+    """
+    base, last, early = alone.removesuffix("p0"), f"{problem}, {LAST}", f"{problem}, {EARLY}"
+    found = [Claim(f"{base}p{share}", ">", alone, "return", last) for share in (10, 20)]
+    found += [Claim(f"{base}p60", "<", f"{base}p20", "return", last), Claim(f"{base}p100", "<", alone, "return", last)]
+    found += [Claim(f"{base}p{share}", "<", alone, "return", early) for share in (20, 40, 60)]
+    found += [Claim(f"{base}noise{share}", "=", f"{base}p20", "return", last) for share in (10, 30)]
+    return found
+
+
+CLAIMS: Final = tuple(
+    claim
+    for name, arm in ARMS.items()
+    if name.endswith("-p0")
+    for claim in _claims(arm.problem, name)
+    if claim.left in ARMS
+)
+
+
+def shares(results: Results) -> str:
+    """A row per arm: its last policies, and what was in their replays."""
+    rows = [row for row in results.rows if not is_lost(row)]
+    lines = []
+    for problem, found in PROBLEMS.items():
+        there = [row for row in rows if row["benchmark"] == f"{problem}, {LAST}"]
+        for arm in arms_in(there, [expert_of(problem), *ARMS]):
+            mine = [row for row in there if row["arm"] == arm]
+            told = ARMS[arm].told if arm in ARMS else "expert"
+            lines.append(
+                [found.env, told, *_trained(mine), fixed(estimate(matched(mine, arm, "return"), mean_estimate))]
+            )
+    heads = ["task", "arm", "trainings", "steps", "demonstrations in the replay, %", "return of the last policy"]
+    return markdown(heads, lines) if lines else ""
+
+
+def _trained(rows: Sequence[Row]) -> list[str]:
+    """Trainings, steps and mean share of demonstrations in the replay."""
+    trainings = {row["training_seed"]: row for row in rows}
+    steps = f"{rows[0]['steps']:,}"
+    if None in trainings:
+        return [MISSING, steps, MISSING]
+    stored = [100.0 * row["replay_demonstrated"] for row in trainings.values()]
+    return [f"{len(trainings)}", steps, f"{sum(stored) / len(stored):.0f}"]
+
+
+def curves(results: Results) -> str:
+    """A table per task: mean returns of the evaluations, over the trainings of each arm."""
+    parts = []
+    for problem, found in PROBLEMS.items():
+        rows = [row for row in results.rows if row["benchmark"] == f"{problem}, {CURVE}" and not is_lost(row)]
+        steps = sorted(named(rows, "seed"))
+        lines = []
+        for arm in arms_in(rows, [*ARMS]):
+            values = [[row["return"] for row in rows if (row["arm"], row["seed"]) == (arm, step)] for step in steps]
+            lines.append([ARMS[arm].told, *(f"{sum(one) / len(one):.0f}" if one else MISSING for one in values)])
+        if lines:
+            parts.append(f"{found.env}\n\n" + markdown(["steps", *(f"{step:,}" for step in steps)], lines))
+    return "\n\n".join(parts)
+
+
+def claims(results: Results) -> str:
+    """Verdict on each direction of the thesis: on the last policies' episodes, or on the evaluations of the warm-up."""
+    rows = [row for row in results.rows if not is_lost(row)]
+
+    def values(claim: Claim, arm: str) -> Matched:
+        return matched(_where(rows, claim.where), arm, claim.measure)
+
+    judged = judge(CLAIMS, values)
+    return claims_table(judged, {"claim": lambda one: str(one.claim), "on": lambda one: one.claim.where})
+
+
+def _where(rows: Sequence[Row], where: str) -> list[Row]:
+    """Rows of a benchmark; of the warm-up, those of the curve's first third."""
+    problem, _, part = where.partition(", ")
+    if part != EARLY:
+        return [row for row in rows if row["benchmark"] == where]
+    return [row for row in rows if row["benchmark"] == f"{problem}, {CURVE}" and 0 < row["seed"] <= row["steps"] / 3]

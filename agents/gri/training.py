@@ -1,0 +1,125 @@
+"""Trainer `gri`: an off-policy algorithm with demonstrations in its replay, on any gymnasium environment or task.
+
+    dohyo train gymnasium --set env=Pendulum-v1 --set steps=5000 --out out/expert
+    dohyo train gri --set env=Pendulum-v1 --set algorithm=ddpg --set expert=out/expert/best.onnx --set gri.p_demo=0.2
+
+With `gri.p_demo=0` it is the algorithm alone.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
+from dohyo.agents.gri.driving import task as driving
+from dohyo.agents.gri.experts import ShownTask
+from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
+from dohyo.agents.learning.algorithms.iqn import IqnConfig
+from dohyo.agents.learning.algorithms.off_policy import make_replay
+from dohyo.agents.learning.algorithms.sac import SacConfig
+from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.demonstrations import INDEX, Demonstrations, record_demonstrations
+from dohyo.agents.learning.gymnasium.task import OFF_POLICY, GymnasiumTask
+from dohyo.agents.learning.runs.config import Positive, RunConfig
+from dohyo.agents.learning.runs.run import TaskRun
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.training import Learner, train_task
+from dohyo.agents.learning.tasks.task import Task, check_task
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+
+RECORDED_WITH: int = 1_000_000
+"""Seed of the recordings: all trainings of a study learn from the same demonstrations."""
+
+
+class GriRunConfig(RunConfig):
+    """A training with GRI.
+
+    Attributes:
+        env: "driving" in town by GRIAD's choices and reward, or a name in gymnasium's registry, or "module:NAME" of one
+            that the module registers.
+        algorithm: What learns; its settings are the table of that name.
+        episodes: Held-out episodes.
+        expert: ONNX file of the policy that demonstrates; empty: the task's own expert.
+        demonstrations: Folder of recorded demonstrations; empty: they are recorded into the run's folder.
+        shown: Demonstrations to be recorded.
+        gri: Settings of GRI.
+        sac: Settings of SAC.
+        ddpg: Settings of DDPG.
+        iqn: Settings of IQN.
+    """
+
+    env: str = "Pendulum-v1"
+    algorithm: Literal["sac", "ddpg", "iqn"] = "sac"
+    processes: Annotated[int, Field(ge=0, le=64)] = 0
+    episodes: Positive = 20
+    expert: str = ""
+    demonstrations: str = ""
+    shown: Positive = 20
+    gri: GriConfig = GriConfig()
+    sac: SacConfig = SacConfig()
+    ddpg: DdpgConfig = DdpgConfig()
+    iqn: IqnConfig = IqnConfig()
+
+    @property
+    def task(self) -> Task:
+        """What is learned."""
+        return self.judged_task(HELD_OUT_FROM, self.episodes)
+
+    def judged_task(self, first: int, episodes: int) -> Task:
+        """The same with other held-out episodes.
+
+        Args:
+            first: Seed of the first one.
+            episodes: Their number.
+        """
+        if self.env == driving.NAME:
+            return driving.DrivingTask(episodes, first)
+        return GymnasiumTask(self.env, episodes, first)
+
+
+def make_learner(settings: GriRunConfig, task: Task, collector: Collector, run: TaskRun) -> Learner:
+    """Learner of the algorithm that the settings name, with demonstrations in its replay if there are any."""
+    kind, config, gri = OFF_POLICY[settings.algorithm], getattr(settings, settings.algorithm), settings.gri
+    if gri.p_demo == 0.0:
+        replay = make_replay(task, run, config, rows=len(collector))
+    else:
+        shown = demonstrations_of(settings, task, run.folder)
+        replay = make_replay(
+            task, run, config, rows=len(collector), kind=DemonstratedReplay, shown=shown, gri=gri,
+            room_for_others=lambda steps: room_for_demonstrations(gri, shown, steps),
+        )  # fmt: skip
+    return kind(task, collector, replay, config, run.device)
+
+
+def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demonstrations:
+    """Demonstrations that the settings name, or those of a run's folder, which are recorded where there are none."""
+    if settings.demonstrations:
+        return Demonstrations(Path(settings.demonstrations))
+    folder = folder / "demonstrations"
+    if not (folder / INDEX).exists():
+        record(settings, task, folder)
+    return Demonstrations(folder)
+
+
+def record(settings: GriRunConfig, task: Task, folder: Path) -> None:
+    """Records the expert of the settings into a folder."""
+    policy, noise = (Path(settings.expert) if settings.expert else None), settings.gri.demo_noise
+    said = str(policy) if policy else "the task's own"
+    expert = said if not noise else f"{said}, {100 * noise:g} % of episodes with random actions"
+    record_demonstrations(ShownTask(task, policy, noise), folder, settings.shown, expert=expert, seed=RECORDED_WITH)
+
+
+def _train(settings: GriRunConfig, request: TrainRequest) -> Path:
+    task = settings.task
+    check_task(task)
+    OFF_POLICY[settings.algorithm].check(task)
+    if settings.gri.p_demo and not (settings.expert or settings.demonstrations or task.has_expert):
+        raise InvalidInputError(f"task '{task.name}' has no expert: expected 'expert', 'demonstrations' or p_demo = 0")
+    return train_task(lambda collector, run: make_learner(settings, task, collector, run), task, settings, request)
+
+
+GRI = Trainer("any gymnasium environment, by SAC, DDPG or IQN with demonstrations (GRI)", GriRunConfig, _train)
