@@ -69,7 +69,8 @@ TRAINERS: dict[str, Listed] = {
         "dohyo.agents.parking.training.dppo_il:PARKING", "parking of karts, by PPO, SAC, MA-POCA or DPPO-IL"
     ),
     "gri": Listed(
-        "dohyo.agents.gri.training:GRI", "any gymnasium environment, by SAC, DDPG or IQN with demonstrations (GRI)"
+        "dohyo.agents.gri.training:GRI",
+        "driving, or any gymnasium environment, with demonstrations (GRI)",
     ),
     "priboot": Listed(
         "dohyo.agents.priboot.training.train:PRIBOOT",

@@ -1,7 +1,9 @@
-"""Trainer `gri`: an off-policy algorithm with demonstrations in its replay, on any gymnasium environment or task.
+"""Trainer `gri`: an off-policy algorithm with demonstrations in its replay, on driving or any gymnasium environment.
 
     dohyo train gymnasium --set env=Pendulum-v1 --set steps=5000 --out out/expert
     dohyo train gri --set env=Pendulum-v1 --set algorithm=ddpg --set expert=out/expert/best.onnx --set gri.p_demo=0.2
+
+    dohyo train gri --config agents/gri/configs/griad.toml --out out/griad
 
 With `gri.p_demo=0` it is the algorithm alone.
 """
@@ -9,12 +11,12 @@ With `gri.p_demo=0` it is the algorithm alone.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
-from dohyo.agents.gri.driving import task as driving
+from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
 from dohyo.agents.gri.experts import ShownTask
 from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import IqnConfig
@@ -31,7 +33,9 @@ from dohyo.agents.learning.tasks.task import Task, check_task
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-RECORDED_WITH: int = 1_000_000
+SIGHTS: Final = {f"driving-{sees}": sees for sees in ENCODERS}
+"""Driving tasks by the name of their environment."""
+RECORDED_WITH: Final = 1_000_000
 """Seed of the recordings: all trainings of a study learn from the same demonstrations."""
 
 
@@ -39,8 +43,8 @@ class GriRunConfig(RunConfig):
     """A training with GRI.
 
     Attributes:
-        env: "driving" in town by GRIAD's choices and reward, or a name in gymnasium's registry, or "module:NAME" of one
-            that the module registers.
+        env: "driving-state" or "driving-pictures", in town by GRIAD's choices and reward; or a name in gymnasium's
+            registry, or "module:NAME" of one that the module registers.
         algorithm: What learns; its settings are the table of that name.
         episodes: Held-out episodes.
         expert: ONNX file of the policy that demonstrates; empty: the task's own expert.
@@ -76,9 +80,8 @@ class GriRunConfig(RunConfig):
             first: Seed of the first one.
             episodes: Their number.
         """
-        if self.env == driving.NAME:
-            return driving.DrivingTask(episodes, first)
-        return GymnasiumTask(self.env, episodes, first)
+        sight = SIGHTS.get(self.env)
+        return GymnasiumTask(self.env, episodes, first) if sight is None else DrivingTask(sight, episodes, first)
 
 
 def make_learner(settings: GriRunConfig, task: Task, collector: Collector, run: TaskRun) -> Learner:
@@ -122,4 +125,4 @@ def _train(settings: GriRunConfig, request: TrainRequest) -> Path:
     return train_task(lambda collector, run: make_learner(settings, task, collector, run), task, settings, request)
 
 
-GRI = Trainer("any gymnasium environment, by SAC, DDPG or IQN with demonstrations (GRI)", GriRunConfig, _train)
+GRI = Trainer("driving, or any gymnasium environment, with demonstrations (GRI)", GriRunConfig, _train)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import gymnasium
 import numpy as np
@@ -13,19 +13,22 @@ from gymnasium.spaces import Dict, Discrete
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.agents.gri.driving.choices import CONTROL, TABLE, nearest
 from dohyo.agents.gri.driving.missions import draw_mission
+from dohyo.agents.gri.driving.pictures import Pictures
 from dohyo.agents.gri.driving.reward import End, Judge
 from dohyo.agents.gri.driving.state import DrivingState
 from dohyo.agents.gri.driving.target_speed import target_speed
+from dohyo.agents.learning.policies.policy_agent import SensorEncoder
 from dohyo.agents.learning.tasks.task import Array, Env, Task
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-NAME: Final = "driving"
 EGO: Final = "ego"
 REPEAT: Final = 2
 """Ticks of 0.1 s that a choice is driven for."""
+Sight = Literal["state", "pictures"]
+ENCODERS: Final[Mapping[Sight, type[SensorEncoder]]] = {"state": DrivingState, "pictures": Pictures}
 
 
 @dataclass(frozen=True)
@@ -33,24 +36,30 @@ class DrivingTask(Task):
     """Missions from seeds.
 
     Attributes:
+        sees: What the driver sees.
         episodes: Number of held-out episodes.
         first: Seed of the first of them.
         repeat: Ticks of a choice; rewards are means over them, so that the highest stays 1.
     """
 
+    sees: Sight = "state"
     episodes: int = 20
     first: int = HELD_OUT_FROM
     repeat: int = REPEAT
 
-    name = NAME
     measures = ("completed", *End)
     has_expert = True
     alone = True
 
     @property
+    def name(self) -> str:
+        """See `Task`."""
+        return f"driving-{self.sees}"
+
+    @property
     def observation_space(self) -> Dict:
         """See `Task`."""
-        return DrivingState.space
+        return ENCODERS[self.sees].space
 
     @property
     def action_space(self) -> Discrete:
@@ -74,8 +83,9 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
         """Compiles the kernels; the simulation starts at `reset`."""
         self.observation_space: Any = task.observation_space
         self.action_space = task.action_space
-        self._state, self._repeat, self._expert = DrivingState(), task.repeat, Autopilot()  # type: ignore[abstract]
-        self._state.warm_up()
+        self._sight, self._repeat = ENCODERS[task.sees](), task.repeat
+        self._expert = Autopilot()  # type: ignore[abstract]
+        self._sight.warm_up()
         self._driving: DrivingEnv | None = None
         self._advised = False
 
@@ -84,12 +94,14 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
     ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Begins the mission of a seed."""
         self.close()
-        sensors = dict.fromkeys((*self._state.sensors, *Autopilot.spec.sensors))
-        self._driving = DrivingEnv(draw_mission(seed or 0), tuple(sensors), CONTROL, reward=None)
+        sensors = dict.fromkeys((*self._sight.sensors, *Autopilot.spec.sensors))
+        scenario = draw_mission(seed or 0)
+        self._driving = DrivingEnv(scenario, tuple(sensors), CONTROL, reward=None)
         observations, _ = self._driving.reset()
         self._seen: Observation = observations[EGO]
         self._judge, self._advised = Judge(), False
-        return self._state.encode(self._seen), {}
+        self._sight.reset(scenario.missions[0], scenario.seed)
+        return self._sight.encode(self._seen), {}
 
     def step(self, action: Any) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Drives a choice for some ticks; the reward is their mean.
@@ -104,6 +116,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
             before = self._driving.world
             observations, _, reached, late, infos = self._driving.step({EGO: TABLE[int(action)]})
             self._seen = observations[EGO]
+            encoded = self._sight.encode(self._seen)  # in every tick: it may remember the last ones
             reward, end = self._judge.tick(before, self._driving.world, target_speed(self._seen))
             rewards.append(reward)
             over = reached[EGO] or late[EGO]
@@ -112,7 +125,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
                 break
         value = float(np.mean(rewards)) if end is None else rewards[-1]
         terminated = end is not None or bool(info.get("success", False))
-        return self._state.encode(self._seen), value, terminated, over and not terminated, info
+        return encoded, value, terminated, over and not terminated, info
 
     def expert_action(self) -> int:
         """The autopilot's choice; must be asked for at every step of an episode, or at none."""

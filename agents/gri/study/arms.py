@@ -23,7 +23,7 @@ class Problem:
         env: See `GriRunConfig`.
         learning: Settings of a training, for whatever algorithm.
         sizes: Settings of each algorithm, without its name.
-        expert: Settings of the expert's training by SAC; None: the task has its own expert.
+        expert: Settings of the expert's training by SAC; None: the task has its own.
         shown: Number of demonstrations.
     """
 
@@ -39,6 +39,11 @@ class Problem:
 
 
 _CHEETAH_SIZES: Final = ("hidden=[128,128]", "batch=128", "learning_rate=1e-3", "replay.capacity=200000")
+_DRIVING_SIZES: Final = (
+    "hidden=[128,128]", "batch=32", "learning_rate=5e-4", "gamma=0.97", "updates_per_step=0.25", "target_every=250",
+    "learning_starts=500", "round_steps=250", "exploration_steps=8000", "double=true", "dueling=true",
+    "replay.capacity=100000", "replay.steps=3", "replay.priority=0.2",
+)  # fmt: skip
 _FULL: Final = ("steps=100000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=10")
 _FULL_SIZES: Final = ("hidden=[256,256]", "batch=256", "learning_rate=1e-3", "replay.capacity=500000")
 _LONG: Final = ("steps=300000", "evaluate_every=30000", "checkpoint_every=30000", "episodes=5")
@@ -63,6 +68,13 @@ PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
             (*_CHEETAH_SIZES, "learning_starts=1000", "round_steps=500"),
             ("steps=60000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=5", "sac.round_steps=1000"),
         ),
+        "driving": Problem(
+            "driving-state",
+            ("steps=20000", "evaluate_every=4000", "checkpoint_every=4000", "episodes=10"),
+            _DRIVING_SIZES,
+            None,
+            shown=60,
+        ),
         "cheetah-full": _mujoco("HalfCheetah-v5"),
         "walker-full": _mujoco("Walker2d-v5"),
     }
@@ -78,12 +90,14 @@ class GriArm:
         algorithm: What learns.
         gri: Settings of GRI, without the table's name.
         told: What it is, in a few words.
+        more: Other settings than those of its problem.
     """
 
     problem: str
     algorithm: str
     gri: tuple[str, ...]
     told: str
+    more: tuple[str, ...] = ()
 
     @property
     def noise(self) -> float:
@@ -99,6 +113,7 @@ class GriArm:
         settings = (
             *_ALL, *problem.learning, *problem.sized(self.algorithm), *(f"gri.{one}" for one in self.gri),
             f"env={problem.env}", f"algorithm={self.algorithm}", f"shown={problem.shown}", f"seed={seed}",
+            *self.more,
         )  # fmt: skip
         return read_settings(GriRunConfig, None, (*settings, *more))
 
@@ -134,12 +149,27 @@ def _noisy(problem: str, *percents: int) -> dict[str, GriArm]:
     }
 
 
+def _driving() -> dict[str, GriArm]:
+    """Row 4: GRIAD, its algorithm alone with as many steps and with a third more, and the negative controls."""
+    shown = ("demo_reward=1.0", "unit=steps")
+    sqil = ("p_demo=0.5", "explorer_reward=0.0", *shown)
+    arms = {
+        "p0": GriArm("driving", "iqn", ("p_demo=0.0",), "IQN alone"),
+        "p0-long": GriArm("driving", "iqn", ("p_demo=0.0",), "IQN alone, longer", ("steps=28000",)),
+        "p25": GriArm("driving", "iqn", ("p_demo=0.25", *shown), "GRIAD, 3 to 1"),
+        "p100": GriArm("driving", "iqn", ("p_demo=1.0", *shown), "IQN, demonstrations only"),
+        "sqil": GriArm("driving", "iqn", sqil, "SQIL", ("iqn.demonstrated_share=0.5",)),
+    }
+    return {f"driving-iqn-{name}": arm for name, arm in arms.items()}
+
+
 ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
     {
         **_shares("pendulum", "sac", 0, 10, 20, 30, 40, 60, 100),
         **_shares("pendulum", "ddpg", 0, 20),
         **_noisy("pendulum", 10, 30),
         **_shares("cheetah", "sac", 0, 10, 20, 40),
+        **_driving(),
         **_shares("cheetah-full", "sac", 0, 10, 20, 30, 40, 60),
         **_shares("cheetah-full", "ddpg", 0, 20),
         **_noisy("cheetah-full", 10, 30),

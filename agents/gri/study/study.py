@@ -61,7 +61,7 @@ def cells(options: Options) -> list[Cell]:
         for training in TRAININGS:
             found += [Cell(name, training, f"{arm.problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
             found += [Cell(name, training, f"{arm.problem}, {CURVE}", f"step-{step}", step) for step in steps]
-    for problem in PROBLEMS:
+    for problem in (name for name, one in PROBLEMS.items() if one.expert is not None):
         found += [Cell(expert_of(problem), None, f"{problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
     return found
 
@@ -74,12 +74,15 @@ def evaluated_at(config: GriRunConfig) -> list[int]:
 def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
     """Trains the experts of the wanted arms, and records their demonstrations, where there are none."""
     for problem in dict.fromkeys(cell.benchmark.partition(",")[0] for cell in wanted):
+        if PROBLEMS[problem].expert is None:
+            continue
         _train(GYMNASIUM, "gymnasium", expert_config(problem), options.runs / "experts" / problem)
     for arm in {cell.arm: ARMS[cell.arm] for cell in wanted if cell.arm in ARMS}.values():
         folder = shown_in(options.runs, arm)
         if not (folder / INDEX).exists():
-            expert = str(options.runs / "experts" / arm.problem / "best.onnx")
-            config = arm.config(0, folder).model_copy(update={"expert": expert})
+            expert = options.runs / "experts" / arm.problem / "best.onnx"
+            own = PROBLEMS[arm.problem].expert is None
+            config = arm.config(0, folder).model_copy(update={"expert": "" if own else str(expert)})
             record(config, config.task, folder)
 
 
@@ -98,27 +101,27 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     folder = options.runs / job[0].arm / f"seed-{seed}"
     config = arm.config(seed, shown_in(options.runs, arm))
     _train(GRI, "gri", config, folder)
-    returns = judged(config.judged_task(JUDGED.start, len(JUDGED)), OnnxPolicy(folder / "policy.onnx"))
+    ended = judged(config.judged_task(JUDGED.start, len(JUDGED)), OnnxPolicy(folder / "policy.onnx"))
     with (folder / "evaluations.csv").open(newline="") as file:
-        curve = {int(row["steps"]): float(row["return"]) for row in csv.DictReader(file)}
+        curve = {int(row["steps"]): Row({"return": float(row["return"])}) for row in csv.DictReader(file)}
     told = json.loads((folder / "result.json").read_text())
     facts = {"steps": told["steps"], "updates": told["updates"], "replay_demonstrated": _stored_share(folder)}
     for cell in job:
-        value = (curve if cell.benchmark.endswith(CURVE) else returns)[int(cell.seed or 0)]
-        yield {**cell._asdict(), **facts, "return": value}
+        measures = (curve if cell.benchmark.endswith(CURVE) else ended)[int(cell.seed or 0)]
+        yield {**cell._asdict(), **facts, **measures}
 
 
 def _expert_rows(options: Options, job: Job) -> Iterator[Row]:
     """Rows of the expert of a problem."""
     problem = job[0].benchmark.partition(",")[0]
     task = GymnasiumTask(PROBLEMS[problem].env, len(JUDGED), JUDGED.start)
-    returns = judged(task, OnnxPolicy(options.runs / "experts" / problem / "best.onnx"))
+    ended = judged(task, OnnxPolicy(options.runs / "experts" / problem / "best.onnx"))
     for cell in job:
-        yield {**cell._asdict(), "steps": expert_config(problem).steps, "return": returns[int(cell.seed or 0)]}
+        yield {**cell._asdict(), "steps": expert_config(problem).steps, **ended[int(cell.seed or 0)]}
 
 
-def judged(task: Task, policy: OnnxPolicy) -> dict[int, float]:
-    """Returns of a policy on the held-out episodes of a task, by their seeds."""
+def judged(task: Task, policy: OnnxPolicy) -> dict[int, Row]:
+    """Measures of a policy on the held-out episodes of a task, by their seeds."""
 
     def act(observation: TensorDict) -> Array:
         return policy.of_batch({name: values.numpy() for name, values in observation.items()})
@@ -128,7 +131,7 @@ def judged(task: Task, policy: OnnxPolicy) -> dict[int, float]:
         outcomes = evaluate(task, environments, act).outcomes
     finally:
         environments.close()
-    return {outcome.seed: outcome.total for outcome in outcomes}
+    return {one.seed: {"return": one.total, "success": 100.0 * one.success, **one.measures} for one in outcomes}
 
 
 def _stored_share(folder: Path) -> float:

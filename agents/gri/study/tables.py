@@ -37,7 +37,8 @@ def _claims(problem: str, alone: str) -> list[Claim]:
     found += [Claim(f"{base}p60", "<", f"{base}p20", "return", last), Claim(f"{base}p100", "<", alone, "return", last)]
     found += [Claim(f"{base}p{share}", "<", alone, "return", early) for share in (20, 40, 60)]
     found += [Claim(f"{base}noise{share}", "=", f"{base}p20", "return", last) for share in (10, 30)]
-    return found
+    found += [Claim(f"{base}p25", ">", other, "completed", last) for other in (alone, f"{alone}-long")]
+    return [*found, Claim(f"{base}sqil", "<", f"{base}p25", "completed", last)]
 
 
 CLAIMS: Final = tuple(
@@ -45,7 +46,7 @@ CLAIMS: Final = tuple(
     for name, arm in ARMS.items()
     if name.endswith("-p0")
     for claim in _claims(arm.problem, name)
-    if claim.left in ARMS
+    if claim.left in ARMS and claim.right in ARMS
 )
 
 
@@ -58,11 +59,16 @@ def shares(results: Results) -> str:
         for arm in arms_in(there, [expert_of(problem), *ARMS]):
             mine = [row for row in there if row["arm"] == arm]
             told = ARMS[arm].told if arm in ARMS else "expert"
-            lines.append(
-                [found.env, told, *_trained(mine), fixed(estimate(matched(mine, arm, "return"), mean_estimate))]
-            )
-    heads = ["task", "arm", "trainings", "steps", "demonstrations in the replay, %", "return of the last policy"]
+            mean = fixed(estimate(matched(mine, arm, "return"), mean_estimate))
+            lines.append([found.env, told, *_trained(mine), mean, _completed(mine, arm)])
+    heads = ["task", "arm", "trainings", "steps", "demonstrations in the replay, %", "return", "route completed, %"]
     return markdown(heads, lines) if lines else ""
+
+
+def _completed(rows: Sequence[Row], arm: str) -> str:
+    """Share of the route that the last policy drives; "-" where nothing is driven."""
+    driven = [row for row in rows if "completed" in row]
+    return fixed(estimate(matched(driven, arm, "completed"), mean_estimate)) if driven else MISSING
 
 
 def _trained(rows: Sequence[Row]) -> list[str]:
@@ -98,7 +104,14 @@ def claims(results: Results) -> str:
         return matched(_where(rows, claim.where), arm, claim.measure)
 
     judged = judge(CLAIMS, values)
-    return claims_table(judged, {"claim": lambda one: str(one.claim), "on": lambda one: one.claim.where})
+    return claims_table(
+        judged,
+        {
+            "claim": lambda one: str(one.claim),
+            "on": lambda one: one.claim.where,
+            "measure": lambda one: one.claim.measure,
+        },
+    )
 
 
 def _where(rows: Sequence[Row], where: str) -> list[Row]:

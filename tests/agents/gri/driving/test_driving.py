@@ -1,0 +1,132 @@
+"""GRIAD's driving: choices, target speed, reward, episodes, frozen features, and the agent of a training."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dohyo.agents.gri.demonstrated_replay import GriConfig
+from dohyo.agents.gri.driving.choices import ACCELERATIONS, STEERING, TABLE, nearest
+from dohyo.agents.gri.driving.pictures import LATENTS, PICTURES
+from dohyo.agents.gri.driving.target_speed import FALL_M, FREE_M_S, STOP_M, target_speed
+from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
+from dohyo.agents.gri.griad import Griad
+from dohyo.agents.gri.training import GRI, GriRunConfig
+from dohyo.agents.hierarchical.vision.latents import Encoder
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.evaluation.agent import Mission
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Place
+from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
+from dohyo.sumo_networks.world import LightState
+
+CONFIG = Path(__file__).parents[4] / "agents" / "gri" / "configs" / "griad.toml"
+FRONT_M = VehicleParameters().length / 2
+
+
+def road(curvature: float = 0.0, light_m: float | None = None, actor: tuple[float, float] | None = None) -> dict:
+    """A straight road at 50 km/h, with a red light and an actor (x, y) of a metre's length if wanted."""
+    path = np.zeros((POINTS, 6), np.float32)
+    path[:, 0], path[:, 3], path[:, 4] = np.arange(POINTS) - BEHIND, curvature, 50 / 3.6
+    junctions = np.array([[1000.0, 1000.0, -1.0, 0.0]] * 4, np.float32)
+    objects = np.zeros((48, 8), np.float32)
+    objects[:, 0] = -1.0
+    if light_m is not None:
+        junctions[0] = light_m, light_m + 10.0, LightState.RED, 0.0
+    if actor is not None:
+        objects[0] = 0.0, *actor, 0.0, 0.0, 1.0, 1.0, 1.0
+    return {"path": path, "junctions_ahead": junctions, "objects": objects}
+
+
+def test_there_are_108_choices_and_each_is_nearest_to_itself():
+    assert len({tuple(row) for row in TABLE.tolist()}) == 27 * 4 == 108
+    assert [nearest(row) for row in TABLE] == list(range(108))
+    row = TABLE[nearest(np.array([-7.0, 0.02]))]
+    assert row[0] == min(ACCELERATIONS)
+    assert abs(row[1] - 0.02) == pytest.approx(np.abs(STEERING - 0.02).min(), abs=1e-6)
+
+
+def test_the_target_speed_is_40_km_h_and_falls_linearly_to_what_must_be_stopped_for():
+    assert target_speed(road()) == pytest.approx(40 / 3.6)
+    assert target_speed(road(curvature=0.1)) == pytest.approx(5.0), "2.5 m/s^2 in a bend of 10 m"
+    half = STOP_M + FALL_M / 2
+    assert target_speed(road(light_m=half)) == pytest.approx(FREE_M_S / 2)
+    assert target_speed(road(light_m=STOP_M)) == 0.0
+    assert target_speed(road(actor=(FRONT_M + half + 0.5, 0.0))) == pytest.approx(FREE_M_S / 2)
+    assert target_speed(road(actor=(FRONT_M + half, 3.0))) == pytest.approx(FREE_M_S), "beside the path"
+    assert target_speed(road(actor=(-10.0, 0.0))) == pytest.approx(FREE_M_S), "behind"
+
+
+def test_the_autopilot_is_rewarded_and_who_leaves_the_lane_ends_with_minus_1(monkeypatch):
+    encoded = []
+    latent = Encoder.latent
+    monkeypatch.setattr(Encoder, "latent", lambda self, seen: encoded.append(1) or latent(self, seen))
+    env = DrivingTask("pictures").make_env(0)
+    try:
+        first, _ = env.reset(seed=1)
+        rewards = [env.step(env.expert_action())[1] for _ in range(60)]
+        assert all(-1.0 < reward <= 1.0 for reward in rewards)
+        assert np.mean(rewards[30:]) > 0.6
+        seen, _ = env.reset(seed=1)
+        assert np.array_equal(seen["features"], first["features"])
+        encoded.clear()
+        left = nearest(np.array([2.0, 1.0]))
+        steps, terminated = 0, False
+        while not terminated:
+            steps += 1
+            before, (seen, reward, terminated, _, info) = seen, env.step(left)
+            if terminated:
+                continue
+            kept = slice(2 * LATENTS, PICTURES * LATENTS)
+            assert np.array_equal(seen["features"][: 2 * LATENTS], before["features"][kept]), "two ticks are new"
+    finally:
+        env.close()
+    assert (reward, info["off_lane"], info["success"]) == (-1.0, 1.0, False)
+    assert 2 * steps - 1 <= len(encoded) <= 2 * steps, "every tick's picture is encoded once"
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tiny training with GRIAD's configuration, on the state."""
+    settings = ("env=driving-state", "steps=120", "processes=1", "episodes=1", "evaluate_every=120", "shown=2")
+    sizes = ("iqn.hidden=[8]", "iqn.batch=4", "iqn.round_steps=20", "iqn.learning_starts=40", "checkpoint_every=60")
+    config = read_settings(GriRunConfig, CONFIG, (*settings, *sizes, "tensorboard=false"))
+    assert config.gri == GriConfig(p_demo=0.25, unit="steps", demo_reward=1.0)
+    out = tmp_path_factory.mktemp("griad")
+    GRI.train(config, TrainRequest("gri", out, False, no_report))
+    return out
+
+
+def test_griad_trains_from_explorers_and_demonstrators_three_to_one(trained):
+    with (trained / "metrics.csv").open() as file:
+        last = list(csv.DictReader(file))[-1]
+    # The last demonstration may be ahead of the share by its own length, of at most 300 steps.
+    assert 0.25 <= float(last["replay_demonstrated"]) <= 300 / 420
+    assert int(last["updates"]) > 0
+
+
+def test_the_policy_of_a_training_drives_as_an_agent(trained):
+    agent = Griad(str(trained / "best.onnx"))
+    sensors = make_sensors(agent.spec.sensors)
+    seen = {sensor.name: np.zeros(sensor.space.shape, sensor.space.dtype) for sensor in sensors}
+    agent.warm_up()
+    agent.reset(Mission(start=Place(lane="a", position_m=0.0), goal=Place(lane="b", position_m=0.0)), 0)
+    assert agent.spec.control == "acceleration_steering"
+    assert agent.act(seen).tolist() in TABLE.tolist()
+    assert agent.spec.track == ENCODERS["state"].track == "privileged"
+    assert ENCODERS["pictures"].track == "sensors"
+
+
+def test_a_policy_of_another_task_is_refused(trained):
+    with pytest.raises(InvalidInputError, match="no policy"):
+        Griad("/nowhere.onnx")
+    shipped = Path(__file__).parents[4] / "agents" / "priboot" / "checkpoints" / "priboot.onnx"
+    with pytest.raises(InvalidInputError, match="expected a policy of the driving task, it sees"):
+        Griad(str(shipped))
