@@ -18,15 +18,17 @@ if TYPE_CHECKING:
     from dohyo.agents.evaluation import evaluate
     from dohyo.evaluation.agent import Agent
     from dohyo.evaluation.benchmarks.environments import make_vec
+    from dohyo.service.client.remote_env import RemoteEnv
     from dohyo.sumo_networks.envs.driving_env import DrivingEnv
     from dohyo.sumo_networks.networks.catalog import load_network
     from dohyo.sumo_networks.scenario import Scenario
 
-__all__ = ["Agent", "DrivingEnv", "Scenario", "evaluate", "load_network", "make_vec"]
+__all__ = ["Agent", "DrivingEnv", "RemoteEnv", "Scenario", "evaluate", "load_network", "make_vec"]
 
 _HOMES = {
     "Agent": "dohyo.evaluation.agent",
     "DrivingEnv": "dohyo.sumo_networks.envs.driving_env",
+    "RemoteEnv": "dohyo.service.client.remote_env",
     "Scenario": "dohyo.sumo_networks.scenario",
     "evaluate": "dohyo.agents.evaluation",
     "load_network": "dohyo.sumo_networks.networks.catalog",

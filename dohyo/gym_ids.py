@@ -9,6 +9,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 SINGLE = "dohyo.evaluation.benchmarks.environments:make_env"
+REMOTE = "dohyo.service.client.remote_env:RemoteEnv"
 VECTOR = "dohyo.evaluation.benchmarks.environments:make_vec"
 
 BENCHMARKS = {"Quickstart": "quickstart", "NoCrash": "nocrash", "Leaderboard": "leaderboard-train"}
@@ -18,13 +19,15 @@ _REGISTRATION = "gymnasium.envs.registration"
 
 
 def register_all() -> None:
-    """Adds `dohyo/Driving-v0` and one id per benchmark to gymnasium's registry; existing ids stay."""
+    """Adds `dohyo/Driving-v0`, `dohyo/Remote-v0` and an id per benchmark to gymnasium's registry; others stay."""
     from gymnasium.envs.registration import register, registry
 
     for name, benchmark in {"Driving": None, **BENCHMARKS}.items():
         if f"dohyo/{name}-v0" not in registry:
             kwargs = {"source": benchmark} if benchmark else {}
             register(f"dohyo/{name}-v0", entry_point=SINGLE, vector_entry_point=VECTOR, kwargs=kwargs)
+    if "dohyo/Remote-v0" not in registry:
+        register("dohyo/Remote-v0", vector_entry_point=REMOTE)
 
 
 def register_once_imported() -> None:

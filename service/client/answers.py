@@ -37,6 +37,14 @@ class ComparisonView(TypedDict):
     verdict: Literal["<", "=", ">"]
 
 
+class EgoView(TypedDict):
+    """An ego of a world."""
+
+    name: str
+    driver: str | None
+    driving: bool
+
+
 class EpisodeView(TypedDict):
     """One scenario of an evaluation. Where the records are withheld, so are the scenario and all that tells of it."""
 
@@ -253,6 +261,34 @@ class SummaryView(TypedDict):
     statuses: dict[str, int]
 
 
+class WorldView(TypedDict):
+    """A live scenario, or how it ended. It enters no ranking."""
+
+    id: str
+    owner: str
+    status: WorldStatus
+    network: str
+    scenario: str
+    seed: int
+    tick: int
+    time_s: float
+    undriven: Literal["autopilot", "stand", "out"]
+    deadline_s: float
+    late: Literal["repeat", "leave"]
+    pace: Literal["lockstep", "realtime"]
+    speed: float
+    overruns: int
+    resets: int
+    stays: bool
+    egos: list[EgoView]
+    actors: int
+    created: str
+    finished: str | None
+    reason: str | None
+    recorded: bool
+    record_hash: str | None
+
+
 AgentKind = Literal["builtin", "onnx", "remote"]
 
 
@@ -266,3 +302,6 @@ EpisodeStatus = Literal["queued", "running", "done", "lost", "cancelled"]
 
 
 EvaluationStatus = Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+WorldStatus = Literal["waiting", "running", "paused", "over", "done", "ended", "failed"]

@@ -33,6 +33,7 @@ from dohyo.service.client.answers import (
     LeaderboardView,
     MetricsView,
     SubmissionView,
+    WorldView,
 )
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
 from dohyo.service.client.downloads import Download, check_size
@@ -244,6 +245,38 @@ class AsyncClient:
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
         """A session of a policy worker for an agent; it blocks, so an event loop runs it in another thread."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
+
+    async def create_world(self, order: Mapping[str, Any]) -> WorldView:
+        """Starts a live world; see `POST /v1/worlds` for the order, such as {"benchmark": "fleet", "record": True}."""
+        return await self._json(WorldView, Call("POST", path_of("worlds"), body=order))
+
+    async def world(self, world_id: str) -> WorldView:
+        """A world with its tick, its egos and their drivers."""
+        return await self._json(WorldView, Call("GET", path_of("worlds", world_id)))
+
+    async def pause_world(self, world_id: str) -> WorldView:
+        """Lets a world stand still after its present tick."""
+        return await self._json(WorldView, Call("POST", path_of("worlds", world_id, "pause")))
+
+    async def step_world(self, world_id: str, ticks: int = 1) -> WorldView:
+        """Lets a paused world go on for some ticks."""
+        return await self._json(WorldView, Call("POST", path_of("worlds", world_id, "step"), body={"ticks": ticks}))
+
+    async def resume_world(self, world_id: str) -> WorldView:
+        """Lets a world tick, also before every ego has a driver."""
+        return await self._json(WorldView, Call("POST", path_of("worlds", world_id, "resume")))
+
+    async def reset_world(self, world_id: str, seed: int | None = None) -> WorldView:
+        """Begins a world anew at tick 0, with another seed if one is given."""
+        return await self._json(WorldView, Call("POST", path_of("worlds", world_id, "reset"), body={"seed": seed}))
+
+    async def end_world(self, world_id: str) -> WorldView:
+        """Ends a world, and waits for its record if it has one."""
+        return await self._json(WorldView, Call("POST", path_of("worlds", world_id, "end")))
+
+    async def world_record(self, world_id: str) -> Document:
+        """The record of a world that has ended, as `dohyo score` reads it."""
+        return await self._json(Document, Call("GET", path_of("worlds", world_id, "record")))
 
     async def _submit(self, agent: str, body: Mapping[str, Any]) -> SubmissionView:
         return await self._json(SubmissionView, Call("POST", path_of("agents", agent, "submissions"), body=body))

@@ -33,6 +33,7 @@ from dohyo.service.client.answers import (
     LeaderboardView,
     MetricsView,
     SubmissionView,
+    WorldView,
 )
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
 from dohyo.service.client.downloads import Download, check_size
@@ -244,6 +245,38 @@ class Client:
     def worker(self, agent: str, *, version: int | None = None, capacity: int = 1) -> WorkerSession:
         """A session of a policy worker for an agent; it blocks, so an event loop runs it in another thread."""
         return WorkerSession(self._url, self._token or "", agent, version=version, capacity=capacity)
+
+    def create_world(self, order: Mapping[str, Any]) -> WorldView:
+        """Starts a live world; see `POST /v1/worlds` for the order, such as {"benchmark": "fleet", "record": True}."""
+        return self._json(WorldView, Call("POST", path_of("worlds"), body=order))
+
+    def world(self, world_id: str) -> WorldView:
+        """A world with its tick, its egos and their drivers."""
+        return self._json(WorldView, Call("GET", path_of("worlds", world_id)))
+
+    def pause_world(self, world_id: str) -> WorldView:
+        """Lets a world stand still after its present tick."""
+        return self._json(WorldView, Call("POST", path_of("worlds", world_id, "pause")))
+
+    def step_world(self, world_id: str, ticks: int = 1) -> WorldView:
+        """Lets a paused world go on for some ticks."""
+        return self._json(WorldView, Call("POST", path_of("worlds", world_id, "step"), body={"ticks": ticks}))
+
+    def resume_world(self, world_id: str) -> WorldView:
+        """Lets a world tick, also before every ego has a driver."""
+        return self._json(WorldView, Call("POST", path_of("worlds", world_id, "resume")))
+
+    def reset_world(self, world_id: str, seed: int | None = None) -> WorldView:
+        """Begins a world anew at tick 0, with another seed if one is given."""
+        return self._json(WorldView, Call("POST", path_of("worlds", world_id, "reset"), body={"seed": seed}))
+
+    def end_world(self, world_id: str) -> WorldView:
+        """Ends a world, and waits for its record if it has one."""
+        return self._json(WorldView, Call("POST", path_of("worlds", world_id, "end")))
+
+    def world_record(self, world_id: str) -> Document:
+        """The record of a world that has ended, as `dohyo score` reads it."""
+        return self._json(Document, Call("GET", path_of("worlds", world_id, "record")))
 
     def _submit(self, agent: str, body: Mapping[str, Any]) -> SubmissionView:
         return self._json(SubmissionView, Call("POST", path_of("agents", agent, "submissions"), body=body))

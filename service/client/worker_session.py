@@ -16,7 +16,8 @@ from __future__ import annotations
 import ssl
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from types import TracebackType
@@ -156,22 +157,57 @@ class Connection:
             WireError: The service refuses.
             UnreachableError: The connection failed, before or after the service had read the request.
         """
-        headers = {"authorization": f"Bearer {token}", "content-type": Format.MSGPACK.value}
-        try:
+        self.send("POST", path, document, token)
+        return self.receive()
+
+    def send(self, method: str, path: str, document: Any, token: str, fmt: Format = Format.MSGPACK) -> None:
+        """Sends a request, whose answer `receive` must read; without a document it has no body.
+
+        Args:
+            method: Such as "POST".
+            path: Under the service's address.
+            document: What is sent, in a format.
+            token: Bearer token.
+            fmt: Format of the document; the answer may be in either.
+
+        Raises:
+            UnreachableError: The connection failed.
+        """
+        headers = {"authorization": f"Bearer {token}", "accept": Format.MSGPACK.value}
+        body = None
+        if document is not None:
+            headers["content-type"], body = fmt.value, encode(document, fmt)
+        with self._one_answer():
             if self._connection is None:
                 self._connection = self._open()
-            self._connection.request("POST", self._prefix + path, encode(document, Format.MSGPACK), headers)
+            self._connection.request(method, self._prefix + path, body, headers)
+
+    def receive(self) -> Any:
+        """The answer to the request that was sent; None for an empty one.
+
+        Raises:
+            WireError: The service refuses.
+            UnreachableError: The connection failed, before or after the service had read the request.
+        """
+        assert self._connection is not None
+        with self._one_answer():
             response = self._connection.getresponse()
             body = response.read()
+        if response.status >= 400:
+            raise _refusal(response.status, body, response.getheader("retry-after"))
+        return decode(body, Format(response.getheader("content-type", Format.MSGPACK.value))) if body else None
+
+    @contextmanager
+    def _one_answer(self) -> Iterator[None]:
+        """Closes the connection after a failure: its next answer would belong to another request."""
+        try:
+            yield
         except (OSError, HTTPException) as error:
             self.close()
             raise UnreachableError(f"no answer from {self._host}: {type(error).__name__}: {error}") from error
-        except BaseException:  # the next answer on this connection would belong to another request
+        except BaseException:
             self.close()
             raise
-        if response.status >= 400:
-            raise _refusal(response.status, body, response.getheader("retry-after"))
-        return decode(body, Format.MSGPACK) if body else None
 
     def close(self) -> None:
         """Closes the connection."""

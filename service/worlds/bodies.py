@@ -32,6 +32,7 @@ class WorldRequest(BaseModel):
         pace: lockstep: each tick waits for all decisions; realtime: it begins when its time has come.
         speed: Simulated seconds per second of the wall clock, in real time.
         stays: Whether the world stays when all egos have ended their drives, until it is reset or ended.
+        reward: Name of a reward function, for training; replies to steps then have outcomes.
     """
 
     model_config = ConfigDict(
@@ -50,6 +51,7 @@ class WorldRequest(BaseModel):
     pace: Pace = "lockstep"
     speed: Speed = 1.0
     stays: bool = False
+    reward: Literal["roach", "progress"] | None = None
 
     @model_validator(mode="after")
     def _one_scenario(self) -> WorldRequest:
@@ -134,8 +136,21 @@ class WorldStep(Step, kw_only=True):
     actors: Annotated[ActorChange | None, Meta(description="Only of a place that is coupled.")] = None
 
 
+class EgoOutcome(msgspec.Struct):
+    """What the last tick gave an ego, in a world with a reward."""
+
+    reward: Annotated[float, Meta(description="Of that tick.")]
+    terminated: Annotated[bool, Meta(description="Whether the reward function, or the goal, ends the episode.")]
+    success: Annotated[bool, Meta(description="Whether the ego has reached its goal.")]
+
+
 class WorldReply(Reply, kw_only=True):
     """Answer to a step, or what a place observes now."""
+
+    outcomes: Annotated[
+        dict[str, EgoOutcome] | UnsetType,
+        Meta(description="Of each ego of the place that drove in the last tick; only in a world with a reward."),
+    ] = UNSET
 
     resets: Annotated[int, Meta(description="How often the world has begun anew.")] = 0
     actors: Annotated[

@@ -20,6 +20,7 @@ from dohyo.service.worlds.coupling import shown_actors
 from dohyo.service.worlds.order import Drivers, Reset, Undriven, WorldOrder
 from dohyo.service.worlds.shown import SHOWN, Decided
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.reward_meter import RewardMeter
 from dohyo.sumo_networks.errors import AgentTimeoutError
 from dohyo.sumo_networks.units import TICK_S
 
@@ -138,6 +139,7 @@ class WorldProcess:
         self.env: DrivingEnv = agents_env(order.scenario, self.egos)
         self._drivers, self._scenes = drivers, scenes
         scenes.begin(self.env)
+        self._meter = RewardMeter(order.reward, len(self.egos)) if order.reward else None
 
     def show(self, tick: int, observations: dict[str, Observation]) -> None:
         """Sends a tick to the server and waits for the decisions."""
@@ -162,12 +164,15 @@ class WorldProcess:
     def _send(self, tick: int, driving: list[str]) -> None:
         head = SHOWN.pack(tick, round(tick * TICK_S, 3), self._revision)
         seen = {name: self.egos[name].seen for name in driving if self.egos[name].driver is not None}
+        outcomes = self._meter.read(self.env.world) if self._meter else {}
+        seen |= {name: self.env.observe(name) for name in outcomes.keys() - driving if self.egos[name].driver}
         packed = {name: {sensor: pack(array) for sensor, array in one.items()} for name, one in seen.items()}
         shown = {
             "driving": driving,
             "poses": self._poses(driving),
             "observations": packed,
             "actors": shown_actors(self.env) if self._drivers.coupled and driving else None,
+            "outcomes": outcomes,
         }
         self._channel.send(Kind.SEEN, head + msgspec.msgpack.encode(shown))
 

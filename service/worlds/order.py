@@ -38,6 +38,7 @@ class WorldOrder(Config):
         undriven: What an ego without a driver does: the autopilot drives it, it stands, or it leaves the road.
         directory: Folder for the record; None: there is none.
         stays: Whether the world stays when all egos have ended their drives, to be reset.
+        reward: Name of the reward function of its outcomes; None: it has none.
     """
 
     name: str
@@ -45,6 +46,7 @@ class WorldOrder(Config):
     undriven: Undriven = "autopilot"
     directory: Path | None = None
     stays: bool = False
+    reward: str | None = None
 
 
 class Drivers(Config):

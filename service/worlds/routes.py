@@ -39,7 +39,7 @@ async def create_world(order: WorldRequest, caller: Submitter, services: Service
     rules = WorldRules(deadline_s=deadline_s, late=order.late, pace=order.pace, speed=order.speed)
 
     def make(identifier: str) -> WorldOrder:
-        kept = {"directory": folder, "stays": order.stays}
+        kept = {"directory": folder, "stays": order.stays, "reward": order.reward}
         return WorldOrder(name=identifier, scenario=scenario, undriven=order.undriven, **kept)
 
     identifier = await services.worlds.create(caller.owner, make, rules)

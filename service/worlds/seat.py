@@ -133,7 +133,8 @@ class Seat:
 
     def show(self, reply: WorldReply) -> None:
         """Answers the decision for the last tick with the next one."""
-        self.answered, self.reply, self.tick, self.decision = self.tick, reply, reply.tick, None
+        self.answered = self.tick if reply.tick > self.tick else -1  # a new beginning answers no decision
+        self.reply, self.tick, self.decision = reply, reply.tick, None
         self.answer(reply)
 
     def end(self, why: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from dohyo.service.worlds.actors import ActorChange, ShownActor
+from dohyo.sumo_networks.envs.reward_meter import Outcome
 
 SHOWN = struct.Struct("!IdI")  # tick, simulated time [s], revision of the drivers; then `Shown` in msgpack
 
@@ -20,12 +21,14 @@ class Shown(msgspec.Struct):
         poses: x, y [m], heading [rad], velocity x, y [m/s] of each of them.
         observations: What their drivers observe, each in msgpack.
         actors: All egos and the traffic; None: no simulator is coupled to the world.
+        outcomes: Of the egos that drove in the last tick, in a world with a reward.
     """
 
     driving: list[str]
     poses: dict[str, tuple[float, float, float, float, float]]
     observations: dict[str, msgspec.Raw]
     actors: list[ShownActor] | None = None
+    outcomes: dict[str, Outcome] = {}
 
 
 class Decided(msgspec.Struct):

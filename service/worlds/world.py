@@ -25,7 +25,7 @@ from dohyo.service.spectating.audience import Audience
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.worlds.actors import ActorChange, WorldActors
-from dohyo.service.worlds.bodies import WorldReply, WorldStep
+from dohyo.service.worlds.bodies import EgoOutcome, WorldReply, WorldStep
 from dohyo.service.worlds.clock import Clock, Pace
 from dohyo.service.worlds.model import WorldStatus
 from dohyo.service.worlds.order import Drivers, Reset, WorldOrder, WorldRules
@@ -248,7 +248,12 @@ class LiveWorld:
             directive="run",
             resets=self.resets,
             actors=(self._shown.actors or []) if seat.coupled else UNSET,
+            outcomes=self._outcomes_of(seat) if self.order.reward else UNSET,
         )
+
+    def _outcomes_of(self, seat: Seat) -> dict[str, EgoOutcome]:
+        shown = self._shown.outcomes
+        return {ego: EgoOutcome(*shown[ego]) for ego in seat.egos if ego in shown}
 
     # The lockstep
 

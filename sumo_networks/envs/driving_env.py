@@ -224,6 +224,10 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         self.agents.remove(name)
         self._running.retire(self._index[name])
 
+    def observe(self, name: str) -> Observation:
+        """What an ego's sensors read now, also in the tick in which its episode has ended."""
+        return self._observe([name])[name]
+
     def outfit(self, name: str, sensors: SensorNames, control: str) -> Observation:
         """Gives an ego other sensors and another control, as new ones at the start of an episode.
 

@@ -6,6 +6,7 @@ dohyo train gymnasium --set env=Pendulum-v1 --set algorithm=sac --set sac.batch=
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,10 +28,11 @@ from dohyo.agents.learning.runs.config import Positive, RunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import train_task
-from dohyo.agents.learning.tasks.task import Env, Task, check_task, named
+from dohyo.agents.learning.tasks.task import Env, Environments, Task, check_task, named
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
+REMOTE = "dohyo/Remote-v0"
 OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
 
 
@@ -38,7 +40,8 @@ class GymnasiumConfig(RunConfig):
     """A run on a gymnasium environment.
 
     Attributes:
-        env: Name in gymnasium's registry, or "module:NAME" of one that the module registers.
+        env: Name in gymnasium's registry, "module:NAME" of one that the module registers, or the address of a service
+            whose worlds are driven, such as "http://127.0.0.1:8000?benchmark=quickstart".
         algorithm: What learns; its settings are the table of that name.
         episodes: Held-out episodes.
         ppo: Settings of PPO.
@@ -62,7 +65,7 @@ class GymnasiumTask(Task):
     """A gymnasium environment, in the form of `in_our_form`.
 
     Attributes:
-        env: Name in gymnasium's registry.
+        env: Name in gymnasium's registry, or the address of a service.
         episodes: Number of held-out episodes.
         first: Seed of the first of them.
     """
@@ -81,8 +84,16 @@ class GymnasiumTask(Task):
         """See `Task`."""
         return range(self.first, self.first + self.episodes)
 
+    @property
+    def remote(self) -> bool:
+        """Whether the environments are worlds of a service."""
+        return self.env.startswith(("http://", "https://"))
+
     @cached_property
     def _spaces(self) -> tuple[Any, Any]:
+        if self.remote:
+            with closing(self.make_environments(1, processes=False)) as envs:
+                return envs.single_observation_space, envs.single_action_space
         env = self.make_env(0)
         try:
             return env.observation_space, env.action_space
@@ -112,6 +123,12 @@ class GymnasiumTask(Task):
         except Exception as error:  # of the registry, or of the environment's own code
             raise InvalidInputError(f"environment '{self.env}': {type(error).__name__}: {error}") from error
         return in_our_form(env, self.env)
+
+    def make_environments(self, count: int, processes: bool) -> Environments:
+        """See `Task`. Worlds of a service have processes of their own there."""
+        if not self.remote:
+            return super().make_environments(count, processes)
+        return gymnasium.make_vec(REMOTE, num_envs=count, vectorization_mode="vector_entry_point", url=self.env)
 
 
 def make_learner(task: Task, settings: GymnasiumConfig, run: TaskRun, collector: Collector) -> Any:
