@@ -46,7 +46,7 @@ export const period = (s) => (s >= 3600 ? `${Number((s / 3600).toPrecision(3))} 
 const MOST_LISTED = 20;
 
 /** Seeds, of many only the first and the last. */
-const listed = (seeds) => (seeds.length > MOST_LISTED ? `${seeds.length}, ${seeds[0]} to ${seeds.at(-1)}` : seeds.join(", "));
+export const listed = (seeds) => (seeds.length > MOST_LISTED ? `${seeds.length}, ${seeds[0]} to ${seeds.at(-1)}` : seeds.join(", "));
 
 /** The conditions of a phase as facts. */
 export function conditions(phase) {

@@ -5,7 +5,7 @@ import { byId, fill, h } from "../dom.js";
 import { standing } from "../evaluation.js";
 import { confirmed, field, form, input, select, shownOnce } from "../forms.js";
 import { moment } from "../format.js";
-import { countdown, nextMoment, stateOf } from "../phases.js";
+import { countdown, listed, nextMoment, stateOf } from "../phases.js";
 import { subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 
@@ -38,7 +38,7 @@ function showPhases(challenge, benchmarks) {
     { title: "phase", cell: (row) => h("a", { href: `/challenges/${encodeURIComponent(name)}?phase=${encodeURIComponent(row.name)}` }, row.name), csv: (row) => row.name },
     { title: "state", choice: true, cell: stateOf, csv: (row) => row.state },
     { title: "benchmark", cell: (row) => row.benchmark },
-    { title: "seeds", cell: (row) => [h("code", {}, (row.seeds ?? []).join(", ")), row.secret && h("span", { class: "quiet small" }, " secret")], csv: (row) => (row.seeds ?? []).join(" ") },
+    { title: "seeds", cell: (row) => [h("code", {}, listed(row.seeds ?? [])), row.secret && h("span", { class: "quiet small" }, " secret")], csv: (row) => (row.seeds ?? []).join(" ") },
     { title: "runs", unit: "per period", numeric: true, cell: (row) => row.runs_per_period, csv: (row) => row.runs_per_period },
     {
       title: "next",
