@@ -1,4 +1,4 @@
-"""Recording: the autopilot drives routes with the leaderboard's events; two egos of three are disturbed.
+"""Recording: the autopilot drives, on half of its routes with the leaderboard's events; two egos of three are disturbed.
 
     dohyo dataset priboot --out out/priboot/demonstrations --samples 30000
 
@@ -30,6 +30,7 @@ from dohyo.agents.priboot.recording.dataset import (
     load_shard,
 )
 from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, displaced, drawn_displacement
+from dohyo.agents.priboot.recording.intention import intended
 from dohyo.agents.priboot.view import SENSOR, packed
 from dohyo.agents.shards import claim_folder
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
@@ -49,8 +50,10 @@ from dohyo.sumo_networks.world import World
 NETWORKS = ("town-train", "district", "braunschweig", "ingolstadt")
 """Adlershof and town-test judge, and are never recorded."""
 VALIDATION_EVERY = 4
-STANDS_M, KEPT, OF = 0.1, 2, 5
-"""An ego that goes no farther in two seconds stands; of such moments two of five are kept."""
+STANDS_M, KEPT_STANDING = 0.1, 6
+"""An ego that goes no farther in two seconds stands; one in so many of such moments is kept."""
+HELD_M_S, KEPT_HELD = 0.3, 3
+"""An ego that is slower than this in a stall is held; one in so many of such moments is kept."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
@@ -69,7 +72,7 @@ class MomentRequest:
     samples: int = 30_000
     seed: int = 0
     egos: int = 6
-    every_s: float = 0.2
+    every_s: float = 0.3
     episode_s: float = 90.0
 
 
@@ -113,7 +116,9 @@ def _recorded(order: MomentRequest, out: Path, network: str, number: int) -> lis
 
 
 def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
-    """The scenario of one episode: missions and traffic as in the motion dataset, with events on every route.
+    """The scenario of one episode: missions and traffic as in the motion dataset, with events on every other route.
+
+    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too.
 
     Raises:
         InvalidInputError: The network has too few missions.
@@ -122,6 +127,8 @@ def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
     network = load_network(name)
     events: list[Event] = []
     for place, mission in enumerate(drawn.missions):
+        if place % 2 != number % 2:
+            continue
         try:
             seed = int(np.random.SeedSequence(drawn.seed, spawn_key=(place,)).generate_state(1)[0])
             events += auto_events(network, plan_route(network, mission), seed, ego=mission.name)
@@ -155,6 +162,7 @@ class Drive:
         self._poses: list[tuple[float, float, float]] = []
         self._noisy: list[bool] = []
         self._moments: list[tuple[int, list[tuple[FloatArray, np.ndarray, Float32Array]]]] = []
+        self._held: dict[int, FloatArray] = {}
 
     def tick(self, world: World, action: FloatArray, keep: bool) -> FloatArray:
         """Notes one tick, as a moment if wanted; returns the action that the ego drives."""
@@ -163,21 +171,24 @@ class Drive:
         self._blocked.update(speed)
         if keep:
             self._moments.append((len(self._poses), [self._view(world, by) for by in self._displacements(speed)]))
-        self._poses.append((*egos.position[self._ego].tolist(), float(egos.heading[self._ego])))
         out = action if self._bursts is None else self._bursts.disturbed(action, speed)
+        if self._bursts is not None and self._bursts.stalls and speed < HELD_M_S:
+            self._held[len(self._poses)] = intended(action, speed)
+        self._poses.append((*egos.position[self._ego].tolist(), float(egos.heading[self._ego])))
         self._noisy.append(self._bursts is not None and self._bursts.active)
         return out
 
     def moments(self) -> Moments:
-        """Moments whose waypoints were driven by the expert alone; of a long standstill, two of five."""
+        """Moments whose waypoints the expert drove alone, or asked for while held; few of a long standstill."""
         rows, stood = [], 0
         for tick, views in self._moments:
-            last = tick + _AHEAD[-1]
-            if last < len(self._poses) and not any(self._noisy[tick:last]):
-                waypoints = [self._waypoints(tick, by) for by, _, _ in views]
-                stood = stood + 1 if np.abs(waypoints[0]).max() < STANDS_M else 0
-                if stood % OF >= KEPT:
-                    continue
+            held, last = self._held.get(tick), tick + _AHEAD[-1]
+            if held is None and (last >= len(self._poses) or any(self._noisy[tick:last])):
+                continue
+            waypoints = [self._waypoints(tick, by) if held is None else held for by, _, _ in views]
+            stands = held is not None or np.abs(waypoints[0]).max() < STANDS_M
+            stood = stood + 1 if stands else 0
+            if stood % (KEPT_STANDING if held is None else KEPT_HELD) == 0:
                 rows.append(([layers for _, layers, _ in views], [numbers for _, _, numbers in views], waypoints))
         return Moments.of(rows)
 
