@@ -1,4 +1,4 @@
-"""Recording: the autopilot drives, on half of its routes with the leaderboard's events; two egos of three are disturbed.
+"""Recording: the autopilot drives, with events of the leaderboard on half of its routes, and noise on most of them.
 
     dohyo dataset priboot --out out/priboot/demonstrations --samples 30000
 

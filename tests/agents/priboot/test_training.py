@@ -17,11 +17,13 @@ from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording import record as recording
 from dohyo.agents.priboot.recording.dataset import Moments, load_shard
 from dohyo.agents.priboot.recording.displacement import Bursts
-from dohyo.agents.priboot.recording.record import MomentRequest, record_episode, record_moments, scenario
+from dohyo.agents.priboot.recording.intention import intended
+from dohyo.agents.priboot.recording.record import Drive, MomentRequest, record_episode, record_moments, scenario
 from dohyo.agents.priboot.training.train import TrainConfig, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.units import TICK_S
 from tests.agents.driving import drive
 from tests.worlds import straight_road
 
@@ -86,6 +88,36 @@ def test_noise_is_swerves_and_stalls_and_leaves_braking_alone() -> None:
     assert 0.03 < swerves.mean() < 0.3
     assert np.abs(free[:, 1]).max() <= 0.1 + 1e-9
     assert (braking[:, 0] == -6.0).all()
+
+
+def test_an_ego_that_could_go_on_after_a_stop_is_held_for_half_of_the_times() -> None:
+    def held(stands_s: float, seed: int) -> int:
+        noise = Bursts(np.random.default_rng(seed))
+        for _ in range(round(stands_s / TICK_S)):
+            noise.disturbed(np.array([-1.0, 0.0]), 0.0)
+        return sum(noise.disturbed(np.array([2.0, 0.0]), 0.0)[0] < 0.0 for _ in range(10))
+
+    after_a_stop = [held(3.0, seed) for seed in range(40)]
+    assert 8 < sum(ticks == 10 for ticks in after_a_stop) < 32
+    assert all(held(0.3, seed) == 0 for seed in range(20)), "it has hardly stood"
+
+
+def test_a_held_ego_is_told_where_the_expert_would_go() -> None:
+    going, turning = intended(np.array([2.0, 0.0]), 0.0), intended(np.array([2.0, 0.3]), 0.0)
+    np.testing.assert_allclose(going[:, 0], [0.2, 0.85, 2.0, 3.7], atol=0.3)
+    np.testing.assert_allclose(going[:, 1], 0.0, atol=1e-9)
+    assert (turning[1:, 1] > 0.05).all(), "to the left"
+    np.testing.assert_allclose(intended(np.array([-2.0, 0.0]), 0.0), 0.0, atol=1e-9)
+
+
+def test_a_held_moment_goes_and_a_standing_one_does_not() -> None:
+    held = Drive(scenario(ORDER, "town-train", 0), 1, noisy=True)
+    world = straight_road().with_ego(x=50.0).world()
+    for tick in range(400):
+        held.tick(world, np.array([2.0, 0.0]), tick % 5 == 0)
+    moments = held.moments()
+    assert len(moments)
+    assert {round(float(far), 1) for far in moments.waypoints[:, 0, -1, 0]} == {0.0, 3.8}
 
 
 def test_a_standing_ego_has_one_picture_for_all_its_views(data: Path) -> None:
