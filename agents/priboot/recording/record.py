@@ -1,6 +1,7 @@
-"""Recording: the autopilot drives, with events of the leaderboard on half of its routes, and noise on most of them.
+"""Recording: a demonstrator drives, with events of the leaderboard on half of its routes, and noise on most of them.
 
-    dohyo dataset priboot --out out/priboot/demonstrations --samples 30000
+    dohyo dataset priboot --out out/priboot/demonstrations --samples 34000
+    dohyo dataset priboot --out out/priboot/demonstrations-pdm --samples 34000 --demonstrator pdm-closed
 
 Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. An
 interrupted recording goes on where it stopped, and the same order gives the same bytes.
@@ -17,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from dohyo.agents.driving import decisions
-from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.agents.mcts.predictors import recording as motion
 from dohyo.agents.priboot import measurements
 from dohyo.agents.priboot.measurements import BlockTime, measured
@@ -32,7 +32,9 @@ from dohyo.agents.priboot.recording.dataset import (
 from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, displaced, drawn_displacement
 from dohyo.agents.priboot.recording.intention import intended
 from dohyo.agents.priboot.view import SENSOR, packed
+from dohyo.agents.registry import resolve
 from dohyo.agents.shards import claim_folder
+from dohyo.evaluation.agent import Agent, make_agent
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
@@ -50,6 +52,7 @@ from dohyo.sumo_networks.world import World
 NETWORKS = ("town-train", "district", "braunschweig", "ingolstadt")
 """Adlershof and town-test judge, and are never recorded."""
 VALIDATION_EVERY = 4
+CONTROL = "acceleration_steering"
 STANDS_M, KEPT_STANDING = 0.1, 6
 """An ego that goes no farther in two seconds stands; one in so many of such moments is kept."""
 HELD_M_S, KEPT_HELD = 0.3, 3
@@ -67,6 +70,7 @@ class MomentRequest:
         egos: Number per episode.
         every_s: Between two moments of one ego.
         episode_s: How long an episode lasts.
+        demonstrator: Registered name of the agent that drives; its actions are acceleration and steering.
     """
 
     samples: int = 30_000
@@ -74,6 +78,7 @@ class MomentRequest:
     egos: int = 6
     every_s: float = 0.3
     episode_s: float = 90.0
+    demonstrator: str = "autopilot"
 
 
 def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], None] = lambda moments: None) -> int:
@@ -89,6 +94,7 @@ def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], No
 
     Raises:
         InvalidInputError: The order is impossible, or the folder holds a dataset of another order.
+        UnknownNameError: There is no such demonstrator.
     """
     if order.samples < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < WAYPOINTS * WAYPOINT_S:
         raise InvalidInputError(f"expected samples, egos, and times of a tick and two seconds at least, got {order}")
@@ -140,15 +146,29 @@ def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
 def record_episode(scenario: Scenario, order: MomentRequest) -> list[Moments]:
     """Drives one scenario, and returns the moments of each ego."""
     names = [mission.name for mission in scenario.missions]
-    agents = {name: Autopilot() for name in names}  # type: ignore[abstract]
+    agents = {name: demonstrator(order.demonstrator) for name in names}
+    spec = agents[names[0]].spec
     drives = [Drive(scenario, ego, noisy=ego % 3 != 0) for ego in range(len(names))]
     stride = max(round(order.every_s / TICK_S), 1)
-    with closing(DrivingEnv(scenario, Autopilot.spec.sensors, Autopilot.spec.control, reward=None)) as env:
+    with closing(DrivingEnv(scenario, spec.sensors, spec.control, reward=None)) as env:
         for now in decisions(env, agents, round(order.episode_s / TICK_S)):
             for name, action in now.actions.items():
                 drive = drives[names.index(name)]
                 now.actions[name] = drive.tick(env.world, np.asarray(action), now.tick % stride == 0)
     return [drive.moments() for drive in drives]
+
+
+def demonstrator(name: str) -> Agent:
+    """The agent of a name.
+
+    Raises:
+        InvalidInputError: Its actions are not acceleration and steering.
+        UnknownNameError: There is no such agent.
+    """
+    agent = make_agent(resolve(name), {})
+    if agent.spec.control != CONTROL:
+        raise InvalidInputError(f"demonstrator '{name}': expected actions of {CONTROL}, got {agent.spec.control}")
+    return agent
 
 
 class Drive:

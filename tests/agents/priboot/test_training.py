@@ -18,7 +18,14 @@ from dohyo.agents.priboot.recording import record as recording
 from dohyo.agents.priboot.recording.dataset import Moments, load_shard
 from dohyo.agents.priboot.recording.displacement import Bursts
 from dohyo.agents.priboot.recording.intention import intended
-from dohyo.agents.priboot.recording.record import Drive, MomentRequest, record_episode, record_moments, scenario
+from dohyo.agents.priboot.recording.record import (
+    Drive,
+    MomentRequest,
+    demonstrator,
+    record_episode,
+    record_moments,
+    scenario,
+)
 from dohyo.agents.priboot.training.train import TrainConfig, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
@@ -75,6 +82,12 @@ def test_an_interrupted_recording_goes_on_with_the_same_bytes(
     with pytest.raises(InvalidInputError, match="expected a dataset made with"):
         record_moments(dataclasses.replace(ORDER, seed=1), tmp_path)
     assert len(load_shard(tmp_path / "train" / "town-train-0000-1.npz")) == len(recorded[1])
+
+
+def test_a_demonstrator_steers_and_accelerates() -> None:
+    assert demonstrator("pdm-closed").spec.name == "pdm-closed"
+    with pytest.raises(InvalidInputError, match="'random': expected actions of acceleration_steering"):
+        demonstrator("random")
 
 
 def test_noise_is_swerves_and_stalls_and_leaves_braking_alone() -> None:
