@@ -19,7 +19,7 @@ from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.priboot.study.arms import ARMS, config
 from dohyo.agents.priboot.study.measures import measures
-from dohyo.agents.priboot.study.tables import arms_table, claims, infractions_table, lengths_table
+from dohyo.agents.priboot.study.tables import LOSSES, STARTS, arms_table, claims, infractions_table, lengths_table
 from dohyo.agents.priboot.training.train import PRIBOOT
 from dohyo.agents.registry import resolve_with
 from dohyo.agents.studies.arms import Block, Cell, cells_of
@@ -96,10 +96,10 @@ def drive(cell: Cell, name: str, settings: dict[str, object]) -> Row:
 
 
 def losses_of(folder: Path) -> Row:
-    """Losses of a training on held-out drives, and its number of moments, from its card."""
+    """Measures of a training on held-out drives, and its number of moments, from its card."""
     metrics = read_cards(folder)["priboot"].metrics
     assert not isinstance(metrics, str)
-    return {name: metrics[name] for name in ("validation_loss", "displaced_loss", "moments")}
+    return {name: metrics[name] for name in (*LOSSES, *STARTS, "moments") if name in metrics}
 
 
 def _sizes(options: Options) -> dict[str, object]:

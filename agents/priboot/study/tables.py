@@ -27,6 +27,10 @@ MEASURES: Final[Mapping[str, str]] = {
     "infraction_penalty": "IP",
     "nocrash_success": "NoCrash success, %",
 }
+LOSSES: Final[Mapping[str, str]] = {"validation_loss": "loss", "displaced_loss": "loss, displaced"}
+STARTS: Final[Mapping[str, str]] = {"starts": "starts, %", "false_starts": "false starts, %"}
+"""Shares of the standing moments of held-out drives at which the network starts, of those where the expert does and of
+the others."""
 CLAIMS: Final = tuple(
     Claim("full", ">", arm, measure, where)
     for where in ("nocrash", "leaderboard")
@@ -60,7 +64,7 @@ def arms_table(results: Results) -> str:
             thesis = ARMS[arm].reported
             told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
             lines.append([where, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
-    heads = ["benchmark", "arm", "difference", *MEASURES.values(), "loss", "loss, displaced", "drives"]
+    heads = ["benchmark", "arm", "difference", *MEASURES.values(), *LOSSES.values(), *STARTS.values(), "drives"]
     return markdown([*heads, "thesis: DS / IRS / RC"], lines) if lines else ""
 
 
@@ -82,7 +86,7 @@ def claims(results: Results) -> str:
 
 
 def infractions_table(results: Results) -> str:
-    """Infractions per km driven, pooled over the drives of an arm."""
+    """Infractions per km driven, and the mean speed, pooled over the drives of an arm."""
     lines, kinds = [], [kind.value for kind in InfractionKind]
     rows = [row for row in results.rows if not is_lost(row)]
     seen = [kind for kind in kinds if any(kind in row["infractions"] for row in rows)]
@@ -96,8 +100,9 @@ def infractions_table(results: Results) -> str:
                 total.update(row["infractions"])
             endings = Counter(row["status"] for row in own)
             told = ", ".join(f"{count} {status.removeprefix('failed: ')}" for status, count in endings.most_common())
-            lines.append([where, arm, f"{km:.1f}", *(f"{total[kind] / km:.2f}" for kind in seen), told])
-    return markdown(["benchmark", "arm", "km", *seen, "endings"], lines) if lines else ""
+            speed = 1000.0 * km / max(math.fsum(row["duration_s"] for row in own), 0.1)
+            lines.append([where, arm, f"{km:.1f}", f"{speed:.1f}", *(f"{total[kind] / km:.2f}" for kind in seen), told])
+    return markdown(["benchmark", "arm", "km", "mean speed, m/s", *seen, "endings"], lines) if lines else ""
 
 
 def lengths_table(results: Results) -> str:
@@ -143,8 +148,11 @@ def _parts(row: Row) -> tuple[float, float, float, float, float]:
 
 
 def _losses(rows: Sequence[Row]) -> list[str]:
-    """Mean losses of the trainings on held-out drives."""
+    """Mean measures of the trainings on held-out drives."""
     trainings = {row["training_seed"]: row for row in rows if row["training_seed"] is not None}.values()
-    if not trainings:
-        return [MISSING, MISSING]
-    return [f"{np.mean([row[name] for row in trainings]):.2f}" for name in ("validation_loss", "displaced_loss")]
+    found = {name: [row[name] for row in trainings if name in row] for name in (*LOSSES, *STARTS)}
+    scale = {name: 100.0 if name in STARTS else 1.0 for name in found}
+    return [
+        f"{scale[name] * np.mean(values):.{0 if name in STARTS else 2}f}" if values else MISSING
+        for name, values in found.items()
+    ]

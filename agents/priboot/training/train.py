@@ -32,12 +32,15 @@ from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedC
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.perception.drives import Column
 from dohyo.agents.perception.feature_cache import cached_features
-from dohyo.agents.priboot.measurements import SPEED
+from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE
 from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot
 from dohyo.agents.priboot.training.views import Pictures, Split, load_split
 from dohyo.agents.priboot.view import masks_of
 
-MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m")
+MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m", "starts", "false_starts")
+STANDS_M_S, GOES_M, STARTS_M, STAYS_M = 0.3, 2.0, 1.0, 0.1
+"""Speed of an ego that stands; how far ahead the last waypoint is where the expert goes, the network starts, and the
+expert stays."""
 FEATURES = "features"
 """Folder of the cached feature maps, in that of the demonstrations."""
 
@@ -181,21 +184,34 @@ def some_drives(moments: Split, config: TrainConfig) -> Tensor:
 
 
 def validate(network: Priboot, moments: Split, maps: Maps, index: Tensor, config: TrainConfig) -> dict[str, float]:
-    """Losses of the waypoints from the own and from a displaced pose, and the mean distance to the expert's [m]."""
-    own, displaced, apart = 0.0, 0.0, 0.0
+    """Measures of the waypoints on some moments.
+
+    Returns:
+        Losses from the own and from a displaced pose, the mean distance to the expert's waypoints [m], and the shares
+        of the standing moments at which the network starts: where the expert goes, and where it stays.
+    """
     network.eval()
     with torch.no_grad():
-        for part in torch.split(index, config.batch):
-            for view in (0, 1):
-                points, _ = network.head(maps(moments.row[part, view]), moments.measurements[part, view])
-                errors = points - moments.waypoints[part, view]
-                total = float(errors.abs().sum((1, 2)).sum())
-                if view == 0:
-                    own, apart = own + total, apart + float(errors.norm(dim=2).mean(1).sum())
-                else:
-                    displaced += total
+        found = [_predicted(network, moments, maps, index, view, config.batch) for view in (0, 1)]
     network.train()
-    return dict(zip(MEASURES, (own / len(index), displaced / len(index), apart / len(index)), strict=True))
+    own, displaced = (
+        float((points - moments.waypoints[index, view]).abs().sum((1, 2)).mean()) for view, points in enumerate(found)
+    )
+    wanted, stands = moments.waypoints[index, 0], moments.measurements[index, 0, SPEED] * SPEED_SCALE < STANDS_M_S
+    apart = float((found[0] - wanted).norm(dim=2).mean())
+    starts, far = (found[0][:, -1, 0] > STARTS_M).float(), wanted[:, -1, 0]
+    shares = [_mean(starts[stands & (far > GOES_M)]), _mean(starts[stands & (far < STAYS_M)])]
+    return dict(zip(MEASURES, (own, displaced, apart, *shares), strict=True))
+
+
+def _predicted(network: Priboot, moments: Split, maps: Maps, index: Tensor, view: int, batch: int) -> Tensor:
+    """(N, 4, 2) waypoints from one view of some moments, m."""
+    parts = torch.split(index, batch)
+    return torch.cat([network.head(maps(moments.row[at, view]), moments.measurements[at, view])[0] for at in parts])
+
+
+def _mean(values: Tensor) -> float:
+    return float(values.mean()) if len(values) else 0.0
 
 
 PRIBOOT = Trainer("waypoints of PRIBOOT, from recorded demonstrations", TrainConfig, train)
