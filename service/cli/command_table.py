@@ -121,7 +121,7 @@ COMMANDS: dict[str, Command | Group] = {
             ),
             "priboot": Command(
                 "dataset:priboot",
-                "Records PRIBOOT's demonstrations on the autopilot's disturbed drives. Same arguments, same bytes.",
+                "Records PRIBOOT's demonstrations on disturbed drives. Same arguments, same bytes.",
                 resumes=True,
             ),
             "freeway": Command(
