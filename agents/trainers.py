@@ -72,6 +72,14 @@ TRAINERS: dict[str, Listed] = {
         "dohyo.agents.gri.training:GRI",
         "driving, or any gymnasium environment, with demonstrations (GRI)",
     ),
+    "rlad": Listed(
+        "dohyo.agents.rlad.training:RLAD",
+        "target speed and steering from pictures, by RLAD or by SAC+AE, CURL, DrQ, DrQ-v2",
+    ),
+    "rlfold": Listed(
+        "dohyo.agents.rlfold.training:RLFOLD",
+        "target speed and steering by RLfOLD: SAC, an expert's labels, and a gate",
+    ),
     "priboot": Listed(
         "dohyo.agents.priboot.training.train:PRIBOOT",
         "waypoints of PRIBOOT, from recorded demonstrations",

@@ -48,8 +48,8 @@ def random_crop(pictures: Tensor, generator: Generator, *, height: int, width: i
     """
     down, right = _room(pictures, height, width)
     tops, lefts = (_integers(generator, len(pictures), most).to(pictures.device) for most in (down, right))
-    windows = pictures.unfold(2, height, 1).unfold(3, width, 1)
-    return windows[torch.arange(len(pictures), device=pictures.device), :, tops, lefts]
+    places = zip(pictures, tops.tolist(), lefts.tolist(), strict=True)
+    return torch.stack([one[:, top : top + height, left : left + width] for one, top, left in places])
 
 
 def centre_crop(pictures: Tensor, *, height: int, width: int) -> Tensor:
@@ -92,7 +92,8 @@ def colour_jitter(
         _uniform(generator, len(pictures), (max(1.0 - x, 0.0), 1.0 + x)) for x in (brightness, contrast, saturation)
     ]
     factors.append(_uniform(generator, len(pictures), (-hue, hue)))
-    order = torch.randperm(4, generator=generator, device=generator.device).tolist()
+    drawn = torch.randperm(4, generator=generator, device=generator.device).tolist()
+    order = [number for number in drawn if (brightness, contrast, saturation, hue)[number]]
 
     def changed(values: Tensor) -> Tensor:
         frames = values.reshape(len(values), -1, 3, *values.shape[2:])

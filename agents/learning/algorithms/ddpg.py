@@ -72,10 +72,10 @@ class Ddpg(OffPolicy[DdpgConfig]):
         learned = parameter_groups(self.encoder, self.actor, self.critic)
         self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)
 
-    def explore(self, observation: TensorDictBase) -> Tensor:
+    def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
         """The policy's action with noise, clipped to the action space."""
         action: Tensor = self.actor(self.encoder(observation))
-        return self._unit.inverse(action + self._config.noise * torch.randn_like(action))
+        return {"action": self._unit.inverse(action + self._config.noise * torch.randn_like(action))}
 
     def learn(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """See `OffPolicy`."""

@@ -109,12 +109,12 @@ class Iqn(OffPolicy[IqnConfig]):
         done = min(1.0, self._collector.steps / config.exploration_steps)
         return config.first_exploration + done * (config.last_exploration - config.first_exploration)
 
-    def explore(self, observation: TensorDictBase) -> Tensor:
+    def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
         """The policy's action, or a random one."""
         self.network.renew_noise()
         greedy = self.policy(observation)
         drawn = torch.randint_like(greedy, self._choices)
-        return torch.where(torch.rand(greedy.shape, device=greedy.device) < self.exploration, drawn, greedy)
+        return {"action": torch.where(torch.rand(greedy.shape, device=greedy.device) < self.exploration, drawn, greedy)}
 
     def learn(self, batch: TensorDictBase) -> dict[str, Tensor]:
         """See `OffPolicy`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
@@ -14,7 +14,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, Act, Behaviour, PolicyBehaviour
-from dohyo.agents.learning.experience.collector import Collector, outcome
+from dohyo.agents.learning.experience.collector import Collector, Finished, outcome
 from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.networks.modules import ObservationEncoder, evaluating
@@ -155,12 +155,12 @@ class OffPolicy(ABC, Generic[C]):
     @property
     def columns(self) -> tuple[str, ...]:
         """See the class."""
-        told = ("updates", "episodes", "return", "length", "success", "demonstrated", "replay_demonstrated")
-        return (*told, *self.losses)
+        told = ("updates", "episodes", "return", "length", "success")
+        return (*told, "demonstrated", "demonstrated_steps", "replay_demonstrated", *self.losses)
 
     @abstractmethod
-    def explore(self, observation: TensorDictBase) -> Tensor:
-        """(N,) observations -> (N, ...) actions in the action space, with exploration."""
+    def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
+        """(N,) observations -> "action" (N, ...) in the action space, with exploration, and what a behaviour reads."""
 
     @abstractmethod
     def learn(self, batch: TensorDictBase) -> dict[str, Tensor]:
@@ -189,7 +189,8 @@ class OffPolicy(ABC, Generic[C]):
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
         finished = self._collector.finished()
         own = [episode for episode in finished if not episode.demonstrated]
-        row |= {"demonstrated": 1.0 - len(own) / len(finished)} if finished else {}
+        if finished:
+            row |= {"demonstrated": 1.0 - len(own) / len(finished), "demonstrated_steps": _demonstrated(finished)}
         row["replay_demonstrated"] = self.replay.share(DEMONSTRATOR)
         return row | outcome(own) | means
 
@@ -232,10 +233,11 @@ class OffPolicy(ABC, Generic[C]):
                 action = torch.randint(int(self._space.n), (count,))
             else:
                 action = self._unit.inverse(2.0 * torch.rand(count, self._unit.size, device=self._device) - 1.0)
+            chosen = {"action": action}
         else:
             with torch.no_grad(), evaluating(self.encoder):
-                action = self.explore(observation.to(self._device) if self._device.type != "cpu" else observation)
-        return TensorDict({"action": action.cpu()}, observation.batch_size)
+                chosen = self.explore(observation.to(self._device) if self._device.type != "cpu" else observation)
+        return TensorDict({name: value.cpu() for name, value in chosen.items()}, observation.batch_size)
 
     def _discount(self, batch: TensorDictBase) -> Tensor:
         """(B,) discounts of what follows the n steps of each return, 0 behind a terminal observation."""
@@ -243,6 +245,12 @@ class OffPolicy(ABC, Generic[C]):
         discount = self._config.gamma**steps if self._config.replay.steps > 1 else self._config.gamma
         discounts: Tensor = (follows * discount).squeeze(-1)
         return discounts
+
+
+def _demonstrated(episodes: Sequence[Finished]) -> float:
+    """Share of the steps of some episodes that the policy did not choose."""
+    steps = sum(episode.length for episode in episodes)
+    return sum(episode.demonstrated * episode.length for episode in episodes) / max(steps, 1)
 
 
 def weighted(errors: Tensor, batch: TensorDictBase) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -117,15 +117,23 @@ class UncertaintyGate:
         threshold: Uncertainty above which the expert drives.
     """
 
-    def __init__(self, policy: Act, uncertainty: Callable[[TensorDict], Tensor], threshold: float) -> None:
+    def __init__(
+        self,
+        policy: Act,
+        uncertainty: Callable[[TensorDict], Tensor],
+        threshold: float,
+        components: Sequence[int] | None = None,
+    ) -> None:
         """Prepares.
 
         Args:
             policy: Drives where it is certain.
             uncertainty: The policy's answer (N,) -> (N,) its uncertainty, such as the mean standard deviation.
             threshold: See the class.
+            components: Of the action, that the expert then decides; None: all of it.
         """
         self._policy, self._uncertainty, self.threshold = policy, uncertainty, threshold
+        self._components = None if components is None else list(components)
 
     def begin(self, rows: BoolArray, episodes: IntArray) -> None:
         """See `Behaviour`."""
@@ -137,7 +145,8 @@ class UncertaintyGate:
     def act(self, observation: TensorDict, label: Tensor, labelled: Tensor) -> TensorDict:
         """See `Behaviour`."""
         chosen = self._policy(observation)
-        return _replaced(chosen, label, labelled & (self._uncertainty(chosen) > self.threshold))
+        uncertain = labelled & (self._uncertainty(chosen) > self.threshold)
+        return _replaced(chosen, label, uncertain, self._components)
 
 
 def demonstrator(policy: Act) -> EpisodeMixture:
@@ -145,13 +154,17 @@ def demonstrator(policy: Act) -> EpisodeMixture:
     return EpisodeMixture(policy, seed=0, share=1.0)
 
 
-def _replaced(chosen: TensorDict, label: Tensor, rows: Tensor) -> TensorDict:
-    """The policy's choice, with the expert's in some rows."""
+def _replaced(chosen: TensorDict, label: Tensor, rows: Tensor, components: Sequence[int] | None = None) -> TensorDict:
+    """The policy's choice, with the expert's in some rows; in some components of the action, or all."""
     if not rows.any():
         chosen["source"] = torch.full(rows.shape, POLICY, dtype=torch.uint8)
         return chosen
     action = chosen["action"].clone()
-    action[rows] = label[rows].to(action)
+    if components is None:
+        action[rows] = label[rows].to(action)
+    else:
+        for number in components:
+            action[rows, number] = label[rows, number].to(action)
     chosen["action"] = action
     chosen["source"] = torch.where(rows, DEMONSTRATOR, POLICY).to(torch.uint8)
     return chosen

@@ -14,6 +14,7 @@ from dohyo.agents.perception.encoders.base import Encoder, Shape
 from dohyo.agents.perception.encoders.local_mixing import LocalMixing
 
 KERNEL = 3
+"""Side of a kernel; at a longer stride it is a pixel longer than the stride, so that no pixel is left out."""
 THESIS = ((32, 2), (32, 2), (32, 2), (64, 2), (64, 1), (64, 1), (64, 1), (64, 1), (64, 1))
 """Channels and stride of each convolution, for pictures of 256 x 256."""
 SMALL = ((32, 2), (32, 2), (64, 2), (64, 1), (64, 1))
@@ -26,11 +27,17 @@ class RladEncoder(Encoder):
     """Pictures, or some of them stacked in their channels, to features in [-1, 1].
 
     Attributes:
-        mixing: A-LIX, shared by all layers. `local_mixing.parameter_groups` gives its strength the learning rate it
-            needs.
+        mixing: A-LIX, shared by all layers, or None. `local_mixing.parameter_groups` gives its strength the learning
+            rate it needs.
     """
 
-    def __init__(self, shape: Shape, features: int = 256, layers: tuple[tuple[int, int], ...] | None = None) -> None:
+    def __init__(
+        self,
+        shape: Shape,
+        features: int = 256,
+        layers: tuple[tuple[int, int], ...] | None = None,
+        mixed: bool = True,
+    ) -> None:
         """Draws weights from torch's generator.
 
         Args:
@@ -38,6 +45,7 @@ class RladEncoder(Encoder):
             features: Length of the output.
             layers: Channels and stride of each convolution; None: `THESIS` where the pictures are large enough for
                 it, else `SMALL`.
+            mixed: Whether A-LIX follows every convolution.
 
         Raises:
             InvalidInputError: The pictures are too small for the layers.
@@ -47,9 +55,10 @@ class RladEncoder(Encoder):
         channels, height, width = shape
         self.convolutions = nn.ModuleList()
         for filters, stride in layers:
-            self.convolutions.append(nn.Conv2d(channels, filters, KERNEL, stride))
-            channels, height, width = filters, convolved(height, KERNEL, stride), convolved(width, KERNEL, stride)
-        self.mixing = LocalMixing()
+            kernel = max(KERNEL, stride + 1)
+            self.convolutions.append(nn.Conv2d(channels, filters, kernel, stride))
+            channels, height, width = filters, convolved(height, kernel, stride), convolved(width, kernel, stride)
+        self.mixing = LocalMixing() if mixed else None
         self.linear = nn.Sequential(nn.Linear(channels * height * width, features), nn.LayerNorm(features), nn.Tanh())
         self.apply(initialise)
 
@@ -57,7 +66,9 @@ class RladEncoder(Encoder):
         """(B, C, H, W) to (B, F) in [-1, 1]."""
         maps = pictures - 0.5
         for number, convolution in enumerate(self.convolutions, start=1):
-            maps = self.mixing(torch.relu(convolution(maps)), tune=number == len(self.convolutions))
+            maps = torch.relu(convolution(maps))
+            if self.mixing is not None:
+                maps = self.mixing(maps, tune=number == len(self.convolutions))
         features: Tensor = self.linear(maps.flatten(1))
         return features
 

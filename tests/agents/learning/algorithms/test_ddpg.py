@@ -57,7 +57,7 @@ def test_its_losses_are_those_of_torchrl(tmp_path: Path) -> None:
 def test_its_exploration_stays_in_the_action_space(tmp_path: Path) -> None:
     ddpg = learner(Ddpg, SMALL.model_copy(update={"noise": 3.0}), Point(), tmp_path)
     space, seen = Point.action_space, transitions(Point(), 200)["observation"]
-    actions = ddpg.explore(seen).detach().numpy()
+    actions = ddpg.explore(seen)["action"].detach().numpy()
     assert (actions >= space.low).all()
     assert (actions <= space.high).all()
     assert actions.std() > 0.1

@@ -1,0 +1,1 @@
+"""Rivals of RLAD on the same task and loop: SAC+AE, CURL, DrQ, DrQ-v2."""

@@ -1,0 +1,1 @@
+"""RLfOLD: reinforcement learning from online demonstrations, with two deviations and an uncertainty gate."""
