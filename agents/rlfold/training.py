@@ -23,6 +23,8 @@ from dohyo.agents.learning.runs.training import Learner, train_task
 from dohyo.agents.perception.augmentation import colour_jitter, gaussian_blur, of_transitions, random_shift
 from dohyo.agents.rlfold.rlfold import EXTRAS, Rlfold, RlfoldConfig
 
+TOWN = TownConfig(max_speed=5.0, frames=2, history=1, obey_lights=False)
+"""Table 3.2 and the author's release: 5 m/s, two frames, the last speed and steering, and no lights."""
 SHIFT_PX = 2
 """The thesis's 8 pixels of 256, at 64."""
 
@@ -38,7 +40,7 @@ class RlfoldRunConfig(RunConfig):
         rlfold: Settings of the learner.
     """
 
-    town: TownConfig = TownConfig(max_speed=5.0, frames=2, history=1, obey_lights=False)
+    town: TownConfig = TOWN
     expert: ExpertConfig = ExpertConfig()
     latent: LatentConfig = LatentConfig(waypoints="plain")
     augmentation: bool = True

@@ -34,6 +34,8 @@ STUDIES: Mapping[str, str] = {
     "parking": "dohyo.agents.parking.study.study:STUDY",
     "peers": "dohyo.agents.studies.peers:STUDY",
     "priboot": "dohyo.agents.priboot.study.study:STUDY",
+    "rlad": "dohyo.agents.rlad.study.study:STUDY",
+    "rlfold": "dohyo.agents.rlfold.study.study:STUDY",
 }
 """As "module:attribute", since systems take seconds to import."""
 

@@ -175,6 +175,15 @@ def learning() -> list[Figure]:
     ]
 
 
+def pixels() -> list[Figure]:
+    """Updates of RLAD, with all that it adds to SAC."""
+    from tests.performance import pixels as parts
+
+    found = parts.measure()
+    name = f"update of RLAD, {found['rlad']:.0f} ms"
+    return [ratio(name, found["ratio"], "bare SAC from pictures", 1.2, at_most=True)]
+
+
 def parking() -> list[Figure]:
     """Karts in hundreds of lots, with observations: 50 ms are two million steps per second. And the policy."""
     from dohyo.sumo_networks.parking.generate import Scene
@@ -190,7 +199,7 @@ def parking() -> list[Figure]:
 
 PARTS: dict[str, Callable[[], list[Figure]]] = {
     part.__name__: part
-    for part in (world, senses, planners, rules, state, forecasts, perception, learning, wire, parking)
+    for part in (world, senses, planners, rules, state, forecasts, perception, learning, pixels, wire, parking)
 }
 
 

@@ -20,6 +20,8 @@ from torch.nn.functional import pad, unfold
 
 REACH = 2.5
 """Shift of full strength, pixels (2 in the paper's text; half of 2 x 2 + 1 in its release)."""
+SMALL_MAP = 100
+"""Pixels of a map up to which one product shifts it, instead of a product and an interpolation."""
 TARGET = 0.535
 """Discontinuity of gradients that the strength is tuned to."""
 LEARNING_RATE, BETAS = 2e-3, (0.5, 0.999)
@@ -70,11 +72,21 @@ def shift_maps(maps: Tensor, down: float, right: float) -> Tensor:
         right: Pixels.
     """
     height, width = maps.shape[2:]
-    margin = math.ceil(max(abs(down), abs(right))) + 1
-    padded = pad(maps, (margin,) * 4, "replicate")
-    top, left = margin + math.floor(down), margin + math.floor(right)
-    rows = torch.lerp(padded[:, :, top : top + height], padded[:, :, top + 1 : top + 1 + height], down % 1.0)
-    return torch.lerp(rows[..., left : left + width], rows[..., left + 1 : left + 1 + width], right % 1.0)
+    columns = _reading(width, right, maps)
+    if height * width <= SMALL_MAP:
+        return (maps.flatten(2) @ torch.kron(_reading(height, down, maps), columns)).view(maps.shape)
+    margin = math.ceil(abs(down)) + 1
+    padded, top = pad(maps @ columns, (0, 0, margin, margin), "replicate"), margin + math.floor(down)
+    return torch.lerp(padded[:, :, top : top + height], padded[:, :, top + 1 : top + 1 + height], down % 1.0)
+
+
+def _reading(size: int, shift: float, like: Tensor) -> Tensor:
+    """(size, size) weights of the pixels (rows) that each shifted pixel (column) reads."""
+    pixels, whole = torch.arange(size, device=like.device), math.floor(shift)
+    weights = like.new_zeros(size, size)
+    for pixel, weight in ((pixels + whole, 1.0 - shift % 1.0), (pixels + whole + 1, shift % 1.0)):
+        weights.index_put_((pixel.clamp(0, size - 1), pixels), like.new_tensor(weight), accumulate=True)
+    return weights
 
 
 def discontinuity(gradient: Tensor) -> Tensor:

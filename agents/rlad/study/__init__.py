@@ -1,0 +1,1 @@
+"""Study of RLAD: its parts, its rivals, its encoder's size."""

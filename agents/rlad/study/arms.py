@@ -1,0 +1,56 @@
+"""Arms of the study of RLAD: rows 14 to 16 of the thesis's comparisons, as settings of the trainer `rlad`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from dohyo.agents.endless_driving.study.arms import DrivingArm, Reported
+from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
+
+_ROOM: Final = Path(__file__).parents[1] / "configs"
+PICTURES, TWIN = _ROOM / "rlad.toml", _ROOM / "twin.toml"
+_PLAIN: Final = ("latent.waypoints=plain", "latent.local_mixing=false")
+
+
+def _rival(algorithm: str, reported: Reported) -> DrivingArm:
+    return DrivingArm("a rival", PICTURES, (f"algorithm={algorithm}", *_PLAIN), reported)
+
+
+def _part(isolates: str, setting: str, reported: Reported) -> DrivingArm:
+    return DrivingArm(isolates, PICTURES, (setting,), reported)
+
+
+ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
+    {
+        "rlad": DrivingArm("", PICTURES, (), Reported(94.0, 62.0, 32.0)),
+        "no-waypoint-convolution": _part("plain layers", "latent.waypoints=plain", Reported(regular=58.0)),
+        "no-light-loss": _part("no loss of lights", "light_loss=false", Reported(regular=49.0)),
+        "no-local-mixing": _part("no A-LIX", "latent.local_mixing=false", Reported(regular=51.0)),
+        "no-shifts": _part("no random shift, as released", "shifts=false", Reported()),
+        "sac-ae": _rival("sac-ae", Reported(82.0, 42.0, 6.0)),
+        "curl": _rival("curl", Reported(74.0, 30.0, 2.0)),
+        "drq": _rival("drq", Reported(94.0, 42.0, 10.0)),
+        "drq-v2": _rival("drq-v2", Reported(10.0, 8.0, 0.0)),
+        "small-encoder": _part("0.06 M encoder", "latent.layers=[[8, 4], [16, 2], [8, 1]]", Reported()),
+        "large-encoder": _part("1.4 M encoder", "latent.layers=[[48, 4], [96, 2], [192, 1]]", Reported()),
+        "one-route": _part("one route, again and again", "town.roads=one-route", Reported()),
+        "empty-town": _part("no traffic", "town.roads=empty", Reported()),
+        "twin": DrivingArm("exact state", TWIN),
+        "twin-no-waypoint-convolution": DrivingArm("exact state, plain layers", TWIN, ("latent.waypoints=plain",)),
+    }
+)
+CLAIMS: Final = (
+    *(Claim("rlad", ">", arm, "success", where) for where in ("regular", "dense") for arm in ("drq", "sac-ae", "curl")),
+    *(Claim(arm, ">", "drq-v2", "success", "regular") for arm in ("drq", "sac-ae", "curl")),
+    Claim("rlad", ">", "no-waypoint-convolution", "success", "regular"),
+    Claim("rlad", ">", "no-light-loss", "success", "regular"),
+    Claim("rlad", ">", "no-local-mixing", "success", "regular"),
+    Claim("rlad", ">", "small-encoder", "return", TRAINING),
+    Claim("rlad", ">", "large-encoder", "return", TRAINING),
+    Claim("twin", "<", "twin-no-waypoint-convolution", "lateral_m", TRAINING),
+)
+"""Directions of the thesis's results."""

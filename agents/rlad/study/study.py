@@ -1,0 +1,18 @@
+"""Study `rlad`: rows 14 to 16 of the thesis's comparisons. The same command resumes trainings and drives.
+
+python -m dohyo.agents.studies rlad run --set runs=out/rlad --arms rlad --trainings 0
+python -m dohyo.agents.studies rlad run --set runs=out/rlad train=false     # drive what is trained so far
+python -m dohyo.agents.studies rlad table --rows out/studies/rlad
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from dohyo.agents.endless_driving.study.system import System
+from dohyo.agents.rlad.study.arms import ARMS, CLAIMS
+from dohyo.agents.rlad.training import RLAD
+
+SYSTEM: Final = System("rlad", RLAD, "dohyo.agents.rlad.agent:Rlad", dict(ARMS))
+STUDY: Final = SYSTEM.study("RLAD: its parts, its rivals, its encoder's size", Path(__file__).parents[1], CLAIMS)

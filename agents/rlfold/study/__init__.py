@@ -1,0 +1,1 @@
+"""Study of RLfOLD: its parts, and the quality of its expert."""

@@ -1,0 +1,65 @@
+"""Arms of the study of RLfOLD: rows 17 and 18 of the thesis's comparisons, as settings of the trainer `rlfold`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from dohyo.agents.endless_driving.study.arms import DrivingArm, Reported
+from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
+
+_ROOM: Final = Path(__file__).parents[1] / "configs"
+PICTURES, TWIN = _ROOM / "rlfold.toml", _ROOM / "twin.toml"
+_NEVER: Final = "rlfold.gate=never"
+
+_ARMS: Final[Mapping[str, DrivingArm]] = {
+    "full": DrivingArm("", PICTURES, (), Reported(100.0, 86.0, 66.0)),
+    "no-expert": DrivingArm("no demonstrations", PICTURES, (_NEVER, "rlfold.imitation=none"), Reported(regular=52.0)),
+    "one-deviation": DrivingArm("squared error", PICTURES, ("rlfold.imitation=squared",), Reported(regular=64.0)),
+    "never": DrivingArm("the expert never drives, p = 0", PICTURES, (_NEVER,), Reported(regular=72.0)),
+    "share": DrivingArm(
+        "the expert drives at random, p = 0.3", PICTURES, ("rlfold.gate=share",), Reported(regular=80.0)
+    ),
+    "far-sighted": DrivingArm("a discount of 0.99", PICTURES, ("rlfold.gamma=0.99",)),
+    "steering": DrivingArm("steering imitated too", PICTURES, ("rlfold.imitated=speed-and-steering",)),
+    "noisy": DrivingArm("30 % random decisions of the expert", PICTURES, ("expert.noise=0.3",)),
+    "autopilot": DrivingArm("the autopilot's target speed", PICTURES, ("expert.name=autopilot",)),
+    "priboot": DrivingArm("PRIBOOT's target speed", PICTURES, ("expert.name=priboot",)),
+    "lawful": DrivingArm("lights and stop signs count", PICTURES, ("town.obey_lights=true",)),
+}
+_OF_TWIN: Final = ("full", "no-expert", "one-deviation", "never", "share", "far-sighted", "steering", "noisy", "lawful")
+
+
+def _twin(name: str) -> DrivingArm:
+    arm = _ARMS[name]
+    return replace(arm, isolates=f"exact state, {arm.isolates}".removesuffix(", "), config=TWIN, reported=Reported())
+
+
+_SHORT: Final = ("town.roads=empty", "steps=3000", "evaluate_every=3000", "checkpoint_every=3000")
+_EMPTY: Final = {
+    f"empty-{name}": replace(
+        _twin(name), isolates=f"{_twin(name).isolates}, no traffic", settings=(*_SHORT, *_ARMS[name].settings)
+    )
+    for name in ("full", "no-expert", "far-sighted")
+}
+"""Short trainings of the twin in an empty town: does it learn to keep to the route at all?"""
+ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
+    {**_ARMS, **{f"twin-{name}": _twin(name) for name in _OF_TWIN}, **_EMPTY}
+)
+_ORDER: Final = ("full", "share", "never", "one-deviation", "no-expert")
+"""From the best to the worst in the thesis."""
+CLAIMS: Final = (
+    *(Claim(left, ">", right, "success", "regular") for left, right in pairwise(_ORDER)),
+    Claim("full", ">", "steering", "success", "regular"),
+    Claim("full", ">", "noisy", "success", "regular"),
+    *(Claim(f"twin-{left}", ">", f"twin-{right}", "return", TRAINING) for left, right in pairwise(_ORDER)),
+    Claim("twin-full", ">", "twin-far-sighted", "return", TRAINING),
+    Claim("empty-full", ">", "empty-no-expert", "success", TRAINING),
+    Claim("empty-full", ">", "empty-far-sighted", "success", TRAINING),
+)
+"""Directions of the thesis's results."""

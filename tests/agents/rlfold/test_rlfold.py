@@ -1,0 +1,133 @@
+"""RLfOLD: two deviations, labels in the replay, an imitation that moves actor and encoder, and the gate."""
+
+from __future__ import annotations
+
+import csv
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from scipy.stats import truncnorm
+from tensordict import TensorDict
+
+from dohyo.agents.endless_driving.latent import Latent, LatentConfig
+from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
+from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, POLICY
+from dohyo.agents.rlfold.rlfold import DEVIATION, Rlfold, RlfoldConfig
+from dohyo.agents.rlfold.two_deviations import truncated_log_density
+from tests.agents.learning.learners import learner, transitions
+from tests.forked import dohyo
+
+TASK = EndlessDriving(TownConfig(roads="one-route", view="state", history=1))
+SMALL = RlfoldConfig(hidden=(16,), batch=32)
+
+
+def made(folder: Path, **changes: object) -> Rlfold:
+    config = SMALL.model_copy(update=changes)
+    one: Rlfold = learner(Rlfold, config, TASK, folder, encoder=Latent(TASK.observation_space, LatentConfig()))
+    return one
+
+
+def batch(count: int = 32) -> TensorDict:
+    found = transitions(TASK, count)
+    found["label"] = torch.full((count, 2), 0.5)
+    found["labelled"] = torch.arange(count) % 2 == 0
+    return found
+
+
+def test_its_density_is_that_of_a_truncated_gaussian() -> None:
+    values = np.linspace(-1.0, 1.0, 41)
+    for mean, std in ((0.0, 0.1), (0.95, 0.1), (-0.3, 1.5)):
+        expected = truncnorm.logpdf(values, (-1.0 - mean) / std, (1.0 - mean) / std, mean, std)
+        found = truncated_log_density(torch.tensor(values), torch.tensor(mean), torch.tensor(std))
+        np.testing.assert_allclose(found.numpy(), expected, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("imitation", ["likelihood", "squared"])
+def test_the_imitation_moves_actor_and_encoder_towards_the_experts_speed_alone(tmp_path: Path, imitation: str) -> None:
+    rlfold, seen = made(tmp_path, imitation=imitation), batch()
+    (loss,) = rlfold._auxiliary
+
+    def distances() -> list[float]:
+        with torch.no_grad():
+            mean, _ = rlfold.actor.imitating(rlfold.encoder(seen["observation"]))
+        return (mean - seen["label"]).abs().mean(dim=0).tolist()
+
+    before = distances()
+    loss(seen, rlfold.encoder(seen["observation"])).backward()
+    moved = [parameter.grad for parameter in rlfold.encoder.parameters()]
+    assert all(gradient is not None and gradient.abs().sum() > 0.0 for gradient in moved)
+    last = rlfold.actor.body[-1]
+    assert last.weight.grad[0].abs().sum() > 0.0  # the mean of the speed
+    assert last.weight.grad[1].abs().sum() == 0.0  # that of the steering
+    assert last.weight.grad[2:4].abs().sum() == 0.0  # sigma_RL of both
+    with torch.no_grad():
+        for parameter in (*rlfold.encoder.parameters(), *rlfold.actor.parameters()):
+            parameter -= 0.03 * parameter.grad
+    assert distances()[0] < before[0]
+
+
+def test_only_transitions_with_a_label_are_imitated(tmp_path: Path) -> None:
+    rlfold, seen = made(tmp_path), batch()
+    (loss,) = rlfold._auxiliary
+    features = rlfold.encoder(seen["observation"]).detach()
+    before = loss(seen, features)
+    seen["label"][1::2] = -1.0  # those without one
+    assert loss(seen, features) == before
+    seen["label"][::2] = -1.0
+    assert loss(seen, features) != before
+
+
+@pytest.mark.parametrize(("gate", "share"), [("uncertainty", 0.5), ("share", 0.3), ("never", 0.0)])
+def test_the_expert_takes_the_speed_where_the_gate_opens(tmp_path: Path, gate: str, share: float) -> None:
+    rlfold, count = made(tmp_path, gate=gate), 1000
+    deviations = torch.linspace(0.6, 1.0, count)  # half of them above 0.8
+
+    def policy(observation: TensorDict) -> TensorDict:
+        return TensorDict({"action": torch.zeros(count, 2), DEVIATION: deviations}, [count])
+
+    behaviour = rlfold._make_behaviour(policy)
+    label, known = torch.full((count, 2), 0.7), torch.arange(count) % 10 != 0
+    chosen = behaviour.act(TensorDict({}, [count]), label, known)
+    taken = chosen["action"][:, 0] == label[:, 0]
+    assert float(taken.float().mean()) == pytest.approx(0.9 * share, abs=0.04)
+    assert not taken[~known].any()
+    assert (chosen["action"][:, 1] == 0.0).all()  # the steering is the policy's
+    assert torch.equal(chosen["source"] == DEMONSTRATOR, taken)
+    assert torch.equal(chosen["source"] == POLICY, ~taken)
+    if gate == "uncertainty":
+        assert torch.equal(taken, (deviations > 0.8) & known)
+
+
+RUN = (
+    "train", "rlfold", "--config", "agents/rlfold/configs/twin.toml", "--set=town.roads=one-route", "--set=steps=120",
+    "--set=rlfold.round_steps=30", "--set=rlfold.learning_starts=20", "--set=checkpoint_every=30",
+    "--set=rlfold.batch=8", "--set=rlfold.hidden=[16]", "--set=evaluate_every=120",
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_run_killed_between_checkpoints_is_the_same_to_the_bit_and_keeps_its_labels(tmp_path: Path) -> None:
+    whole, out = tmp_path / "whole", tmp_path / "killed"
+    assert dohyo(*RUN, "--out", str(whole)).end() == 0
+
+    def rounds() -> int:
+        path = out / "metrics.csv"
+        return len(list(csv.reader(path.open()))) - 1 if path.exists() else 0
+
+    killed = dohyo(*RUN, "--out", str(out))
+    killed.wait_for(lambda: rounds() >= 3)
+    assert killed.end(signal.SIGKILL) == -signal.SIGKILL
+    assert dohyo(*RUN, "--resume", "--out", str(out)).end() == 0
+    for name in ("metrics.csv", "evaluations.csv", "policy.onnx"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    one, other = load_file(out / "policy.safetensors"), load_file(whole / "policy.safetensors")
+    assert all(torch.equal(one[name], other[name]) for name in one | other)
+    entries = TensorDict.load_memmap(whole / "replay")
+    acted, known = entries["after"] > 0, entries["labelled"]
+    assert known[acted].all()
+    assert (entries["label"][known].abs() <= 1.0).all()
+    assert (entries["label"][known][:, 0] == 1.0).any()  # the rules want full speed on a free road
