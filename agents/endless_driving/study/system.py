@@ -133,7 +133,7 @@ def last(folder: Path) -> Row:
     if len(evaluations) > 1:
         (steps, value), (before, earlier) = ((float(row["steps"]), float(row["return"])) for row in evaluations[:-3:-1])
         slope = 1e4 * (value - earlier) / (steps - before)
-    shares = [float(row["demonstrated"]) for row in rounds if row.get("demonstrated")]
+    shares = [float(row["demonstrated_steps"]) for row in rounds if row.get("demonstrated_steps")]
     return found | {"slope": slope, "expert_share": shares[-1] if shares else None}
 
 
