@@ -10,6 +10,7 @@ import torch
 from gymnasium.spaces import Box, Dict
 from torch import Tensor, nn
 
+from dohyo.agents.endless_driving.experts import make_expert
 from dohyo.agents.learning.policies.export import export
 from dohyo.agents.priboot.measurements import BLOCKED, LIMIT, MEASUREMENTS, SPEED, TARGET, measured
 from dohyo.agents.priboot.priboot import Priboot
@@ -99,3 +100,12 @@ def test_it_is_told_its_speed_its_limit_its_standstill_and_its_target(at_eight: 
 def test_a_policy_of_other_observations_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="no policy"):
         Priboot(policy=tmp_path / "missing.onnx")
+
+
+def test_it_can_be_asked_for_a_target_speed_while_another_drives() -> None:
+    expert = make_expert("priboot", max_speed=6.0, obey_lights=True, noise=0.0)
+    free = straight_road().with_ego(x=50.0, speed=4.0)
+    person = free.with_pedestrian(56.0, y=-4.8)
+    asked = [expert.advise(one.world(), observed(Priboot(), one.world()))[0] for one in (free, person)]
+    assert asked[0] > 3.0
+    assert asked[1] < 1.0, "the rules brake"
