@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from typing import Final
 
@@ -29,7 +30,7 @@ class Audience:
         """
         self._watch, self._most = watch, most
         self._latest: dict[str, tuple[int, bytes]] = {}
-        self._number = 0
+        self._number, self._told_s = 0, 0.0
         self._ended = False
         self._waiting: set[asyncio.Event] = set()
 
@@ -47,6 +48,18 @@ class Audience:
         """
         self._number += 1
         self._latest[name] = self._number, b"event: %s\ndata: %s\n\n" % (name.encode(), data)
+        self._wake(time.monotonic())
+
+    def beat(self, now: float) -> None:
+        """Wakes all spectators after silence, so that a connection that is dead is noticed; called again and again.
+
+        One clock for all: a time limit on each wait would cost more than the scenes do.
+        """
+        if now - self._told_s > HEARTBEAT_S:
+            self._wake(now)
+
+    def _wake(self, now: float) -> None:
+        self._told_s = now
         for fresh in self._waiting:
             fresh.set()
 
@@ -74,7 +87,7 @@ class Audience:
                 yield events or b": still here\n\n"
                 if over:
                     return
-                await _wait(fresh)
+                await fresh.wait()
         finally:
             self._leave(fresh)
 
@@ -88,10 +101,3 @@ class Audience:
         if not self._waiting and not self._ended:
             self._watch(False)
             self._latest = {name: told for name, told in self._latest.items() if name == "state"}  # the rest is old
-
-
-async def _wait(fresh: asyncio.Event) -> None:
-    try:
-        await asyncio.wait_for(fresh.wait(), HEARTBEAT_S)
-    except TimeoutError:
-        return

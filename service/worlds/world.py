@@ -356,6 +356,7 @@ class LiveWorld:
     def sweep(self) -> None:
         """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""
         self._tell_state()
+        self.audience.beat(time.monotonic())
         if not self._is_shown.is_set() or not self._goes_on or not self.driving:
             return
         now = time.monotonic()

@@ -160,6 +160,23 @@ def wire() -> list[Figure]:
     ]
 
 
+def worlds() -> list[Figure]:
+    """Live worlds by the number of workers and spectators, and a vector environment over the wire."""
+    from tests.performance import worlds as parts
+
+    kernel = kernel_ms()
+    null, real, vector = parts.measure_null(400), parts.measure_real(150), parts.measure_remote_env(150)
+    many = null["16 workers"]
+    return [
+        duration("tick of a null world with 1 worker", null["1 workers"]["p50_ms"], 4.0, kernel),
+        duration("tick of a null world with 16 workers", many["p50_ms"], 16.0, kernel),
+        duration("the same, 99th percentile", many["p99_ms"], 64.0, kernel),
+        ratio("tick with two workers", real["two to one"], "the same with one", 1.5, at_most=True),
+        ratio("ticks before 200 spectators", real["spectators"]["share"], "the same alone", 0.8),
+        ratio("steps of a remote vector environment", vector["ratio"], "a local one", None),
+    ]
+
+
 def learning() -> list[Figure]:
     """Updates against the networks' bare passes and a peer's, the replay's bytes, the collector's own time."""
     from tests.performance import learning as parts
@@ -199,7 +216,7 @@ def parking() -> list[Figure]:
 
 PARTS: dict[str, Callable[[], list[Figure]]] = {
     part.__name__: part
-    for part in (world, senses, planners, rules, state, forecasts, perception, learning, pixels, wire, parking)
+    for part in (world, senses, planners, rules, state, forecasts, perception, learning, pixels, wire, worlds, parking)
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 
 import pytest
 
@@ -49,6 +50,8 @@ def test_the_process_is_asked_for_scenes_only_while_somebody_watches() -> None:
         again = audience.events()
         await anext(again)
         assert await anext(again) == b": still here\n\n"  # not the old scene
+        audience.beat(time.monotonic() + 60.0)
+        assert await anext(again) == b": still here\n\n"  # after a minute without events
         await again.aclose()
 
     asyncio.run(watch())
