@@ -13,18 +13,25 @@ from dohyo.service.worlds.actors import ActorChange, ShownActor
 from dohyo.service.worlds.clock import Pace
 from dohyo.service.worlds.order import Late, Undriven
 
+MOST_EGOS = 64
 Text = Annotated[str, Field(min_length=1, max_length=100)]
 Speed = Annotated[float, Field(ge=0.01, le=100)]
 
 
 class WorldRequest(BaseModel):
-    """A world to start: a scenario of a benchmark, or one of your own.
+    """A world to start: a scenario of a benchmark, one of your own, or a network with what happens on it.
 
     Attributes:
-        benchmark: Name of a benchmark of drives; without it, `scenario` is needed.
+        benchmark: Name of a benchmark of drives.
         mission: Name of a scenario of the benchmark; without it, the first one.
-        seed: Seed of the benchmark's scenario.
-        scenario: A scenario of your own, as records have it: network, missions, traffic, conditions, events, seed.
+        scenario: A scenario of your own, as records have it, with its seed.
+        network: Name of a network.
+        missions: On the network: missions of the egos, as scenarios have them, or how many are drawn.
+        traffic: On the network: vehicles, bicycles, pedestrians and flows, as scenarios have them; by default none.
+        conditions: On the network: name of the weather.
+        events: On the network: scripted events around the egos, as scenarios have them.
+        obstacles: On the network: static boxes, as scenarios have them.
+        seed: Seed of the benchmark's scenario, or of what is drawn and happens on the network.
         undriven: What an ego without a driver does: the autopilot drives it, it stands, or it leaves the road.
         deadline_s: Time for one decision, s; by default as for episodes.
         late: What happens to a driver that is late: its last decision is repeated, or it loses its place.
@@ -37,13 +44,24 @@ class WorldRequest(BaseModel):
 
     model_config = ConfigDict(
         extra="forbid",
-        json_schema_extra={"examples": [{"benchmark": "fleet", "mission": "ingolstadt", "seed": 0, "record": True}]},
+        json_schema_extra={
+            "examples": [
+                {"network": "ingolstadt", "missions": 2, "traffic": {"vehicles": 30}, "seed": 7},
+                {"benchmark": "fleet", "mission": "ingolstadt", "seed": 0, "record": True},
+            ]
+        },
     )
 
     benchmark: Text | None = None
     mission: Text | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     scenario: dict[str, Any] | None = None
+    network: Text | None = None
+    missions: Annotated[int, Field(ge=1, le=MOST_EGOS)] | list[dict[str, Any]] = 1
+    traffic: dict[str, Any] = {}
+    conditions: Text = "clear"
+    events: list[dict[str, Any]] = []
+    obstacles: list[dict[str, Any]] = []
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     undriven: Undriven = "autopilot"
     deadline_s: Annotated[float | None, Field(ge=0.1, le=600)] = None
     late: Late = "repeat"
@@ -55,8 +73,12 @@ class WorldRequest(BaseModel):
 
     @model_validator(mode="after")
     def _one_scenario(self) -> WorldRequest:
-        if (self.benchmark is None) == (self.scenario is None):
-            raise ValueError("expected either benchmark or scenario")
+        given = [name for name in ("benchmark", "scenario", "network") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"expected one of benchmark, scenario and network, got {' and '.join(given) or 'none'}")
+        alone = {"missions", "traffic", "conditions", "events", "obstacles"} & self.model_fields_set
+        if self.network is None and alone:
+            raise ValueError(f"expected {', '.join(sorted(alone))} beside a network only")
         return self
 
 
@@ -79,7 +101,7 @@ class JoinRequest(BaseModel):
     )
 
     name: Text
-    egos: Annotated[list[Text], Field(max_length=64)] = []
+    egos: Annotated[list[Text], Field(max_length=MOST_EGOS)] = []
     coupled: bool = False
     track: Literal["sensors", "map", "privileged"] = "map"
     sensors: Annotated[list[Text], Field(min_length=1, max_length=50)] = ["speedometer", "route"]

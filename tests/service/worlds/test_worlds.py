@@ -139,10 +139,32 @@ def test_nobody_else_sees_a_world_and_no_owner_has_too_many(client: Client, serv
     assert mine.send("POST", "/v1/worlds", asked).status_code == 429
 
 
+def test_a_world_of_a_networks_name_with_missions_that_are_drawn(client: Client) -> None:
+    obstacle = {"x_m": 0.0, "y_m": 0.0}
+    asked = {"network": "ingolstadt", "missions": 2, "traffic": {"vehicles": 5, "warm_up_s": 1.0}, "seed": 7}
+    more = {"conditions": "wet", "obstacles": [obstacle], "record": True}
+    made = client.send("POST", "/v1/worlds", asked | more)
+    assert made.status_code == 201, made.text
+    world = made.json()
+    told = (world["network"], world["seed"], [ego["name"] for ego in world["egos"]])
+    assert told == ("ingolstadt", 7, ["m01", "m02"])
+    client.order(world["id"], "end")
+    kept = client.send("GET", f"/v1/worlds/{world['id']}/record").json()["scenario"]
+    assert (kept["conditions"], kept["traffic"]["vehicles"], len(kept["obstacles"])) == ("wet", 5, 1)
+    missions = [one | {"name": f"own-{one['name']}"} for one in kept["missions"]]
+    again = client.send("POST", "/v1/worlds", {"network": "ingolstadt", "missions": missions})
+    assert [ego["name"] for ego in again.json()["egos"]] == ["own-m01", "own-m02"]
+
+
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({}, "expected either benchmark or scenario"),
+        ({}, "expected one of benchmark, scenario and network, got none"),
+        ({"benchmark": "fleet", "network": "ingolstadt"}, "got benchmark and network"),
+        ({"benchmark": "fleet", "missions": 2}, "missions beside a network only"),
+        ({"network": "/etc/passwd"}, "no network named"),
+        ({"network": "ingolstadt", "traffic": {"cars": 1}}, "traffic.cars"),
+        ({"network": "ingolstadt", "conditions": "hail"}, "hail"),
         ({"benchmark": "fleet", "mission": "nowhere"}, "no mission named 'nowhere'"),
         ({"benchmark": "dissipation"}, "expected one of drives"),
         ({"scenario": {"network": "/etc/passwd", "missions": []}}, "scenario.missions"),
