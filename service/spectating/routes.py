@@ -22,7 +22,7 @@ from dohyo.service.web.documents import Identifier, problems
 from dohyo.service.web.events import MEDIA_TYPE
 from dohyo.service.web.heavy import Heavy
 from dohyo.service.worlds.access import find_world
-from dohyo.service.worlds.book import record_path
+from dohyo.service.worlds.records import kept_record
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 
@@ -57,13 +57,11 @@ async def get_world_replay(
 ) -> Response:
     """Data of the replay of a world that has ended, as that of an episode."""
     row = await find_world(services, caller, identifier)
-    if row.record_hash is None:
-        raise ConflictError("the world is live, or was not recorded to its end")
+    path = kept_record(services.settings, row)
     headers = immutable(f"{row.record_hash}-{identifier}-replay{FORMAT}", services)
     headers |= {"cache-control": "private", "vary": "Accept-Encoding", "content-encoding": "gzip"}
     if already_has(request, headers):
         return Response(status_code=304, headers=headers)
-    path = record_path(services.settings, identifier)
     kept = path.with_name(f"{identifier}.replay-{FORMAT}.json.gz")
     packed = "gzip" in request.headers.get("accept-encoding", "")
 

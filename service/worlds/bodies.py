@@ -89,6 +89,7 @@ class JoinRequest(BaseModel):
         name: Name of the worker in the world; who joins again by the same name takes the place back.
         egos: Egos that it drives; none: only for a simulator that is coupled.
         coupled: Whether it is a simulator that sees all egos and the traffic, and puts actors of its own.
+        invitation: Code of an invitation, for a worker of another owner than the world's.
     """
 
     model_config = ConfigDict(
@@ -103,6 +104,7 @@ class JoinRequest(BaseModel):
     name: Text
     egos: Annotated[list[Text], Field(max_length=MOST_EGOS)] = []
     coupled: bool = False
+    invitation: Annotated[str | None, Field(min_length=1, max_length=100)] = None
     track: Literal["sensors", "map", "privileged"] = "map"
     sensors: Annotated[list[Text], Field(min_length=1, max_length=50)] = ["speedometer", "route"]
     control: Text = "target_speed_steering"
@@ -112,6 +114,20 @@ class JoinRequest(BaseModel):
         if not self.egos and not self.coupled:
             raise ValueError("expected egos to drive, or coupled: true")
         return self
+
+
+class WorldInvitationRequest(BaseModel):
+    """An invitation of another owner to a world.
+
+    Attributes:
+        egos: Egos that the guest may drive; by default all.
+        coupled: Whether the guest may couple a simulator, which sees everything and puts actors.
+    """
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"egos": ["west-2"]}]})
+
+    egos: Annotated[list[Text], Field(min_length=1, max_length=MOST_EGOS)] | None = None
+    coupled: bool = False
 
 
 class StepRequest(BaseModel):

@@ -7,12 +7,14 @@ import logging
 import secrets
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
+
+from sqlalchemy.orm import Session
 
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.database.base import new_id
-from dohyo.service.database.engine import Database
+from dohyo.service.database.engine import Database, serialise
+from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.episodes.archive import record_size
 from dohyo.service.errors import BusyError, TooManyRequestsError, UnauthorisedError
@@ -23,12 +25,15 @@ from dohyo.service.storage.usage import check_bytes
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.model import World, WorldStatus
 from dohyo.service.worlds.order import WorldOrder, WorldRules
+from dohyo.service.worlds.records import record_path
 from dohyo.service.worlds.seat import Seat
 from dohyo.service.worlds.shown import SHOWN
 from dohyo.service.worlds.world import LiveWorld
 from dohyo.sumo_networks.errors import InvalidInputError
 
 ENTRY: Final = "dohyo.service.worlds.child:simulate_here"
+Repeatable = tuple[str | None, str]
+"""Idempotency-Key of a request, and the hash of its content."""
 SWEEP_S: Final = 0.1
 END_S: Final = 60.0  # for the rest of a tick and the record
 FORGET_S: Final = 300.0
@@ -81,7 +86,7 @@ class WorldBook:
             now = time.monotonic()
             for world in list(self._live.values()):
                 world.sweep()
-                if now - world.heard > self._settings.world_idle_s and not world.ending:
+                if world.begun and now - world.heard > self._settings.world_idle_s and not world.ending:
                     self.end_later(world, f"no request came for {self._settings.world_idle_s:g} s")
             for identifier in [one for one, ended in self._over.items() if now - ended > FORGET_S]:
                 del self._over[identifier]
@@ -89,26 +94,31 @@ class WorldBook:
 
     # Worlds
 
-    async def create(self, owner: str, make_order: Callable[[str], WorldOrder], rules: WorldRules) -> str:
+    async def create(
+        self, owner: str, make_order: Callable[[str], WorldOrder], rules: WorldRules, request: Repeatable
+    ) -> str:
         """Starts a world and waits for its first tick; returns its identifier.
 
         Args:
             owner: Owner of the world.
             make_order: Order of a world with a given identifier.
             rules: What the server does with it.
+            request: What identifies the same request when it is sent again; its world is returned then.
 
         Raises:
             TooManyRequestsError: The owner has too many worlds.
             BusyError: There are too many worlds, or the simulation cannot be started.
             InvalidInputError: The scenario cannot be simulated.
         """
+        if before := await asyncio.to_thread(self._made_before, owner, request):
+            return before
         self._check_room(owner)
         identifier = new_id("wo")
         process = EpisodeProcess(self._settings.policies, ENTRY)
         order = make_order(identifier)
         world = self._live[identifier] = LiveWorld(identifier, owner, order, process, rules)
         try:
-            await asyncio.to_thread(self._add, world, rules)
+            before = await asyncio.to_thread(self._add, world, rules, request)
             await process.start()
         except OSError as error:
             del self._live[identifier]
@@ -117,6 +127,10 @@ class WorldBook:
         except BaseException:
             del self._live[identifier]
             raise
+        if before is not None:  # the same request came twice at once
+            del self._live[identifier]
+            await process.close()
+            return before
         task = self._tasks[identifier] = asyncio.create_task(self._run(world, process))
         try:
             await world.shown()
@@ -136,14 +150,24 @@ class WorldBook:
         if len(self._live) >= self._settings.worlds:
             raise BusyError(f"the service has its {self._settings.worlds} worlds", retry_s=60)
 
-    def _add(self, world: LiveWorld, rules: WorldRules) -> None:
+    def _made_before(self, owner: str, request: Repeatable) -> str | None:
+        with self._database.reading() as session:
+            return _existing(session, owner, request)
+
+    def _add(self, world: LiveWorld, rules: WorldRules, request: Repeatable) -> str | None:
+        """Stores a new world; returns the identifier of the one that the same request has made meanwhile."""
         with self._database.session() as session:
+            serialise(session)
+            if before := _existing(session, world.owner, request):
+                return before
             check_bytes(session, world.owner, self._settings.bytes_per_owner)
             if queries.count_worlds(session, world.owner) >= queries.KEPT_PER_OWNER:
                 raise TooManyRequestsError(f"at most {queries.KEPT_PER_OWNER} worlds; delete some", retry_s=3600)
             document = world.order.model_dump(mode="json", exclude={"name", "directory"})
             told = rules.model_dump(mode="json") | {"record": world.order.directory is not None}
             session.add(World(id=world.id, owner=world.owner, order=document | told))
+            remember(session, world.owner, *request, world.id)
+        return None
 
     async def _refuse(self, identifier: str, outcome: Outcome) -> None:
         """Raises the reason for which a world did not begin."""
@@ -241,11 +265,7 @@ class WorldBook:
                 world.leave(seat, "the token of the worker is no longer valid")
 
 
-def records_folder(settings: Settings) -> Path:
-    """Folder of the records of worlds."""
-    return settings.data / "worlds"
-
-
-def record_path(settings: Settings, identifier: str) -> Path:
-    """Path of the record of a world; its trajectory lies beside it."""
-    return records_folder(settings) / f"{identifier}.json"
+def _existing(session: Session, owner: str, request: Repeatable) -> str | None:
+    """World that the same request has made before, unless it was refused or deleted since."""
+    made = made_before(session, owner, *request)
+    return made if made is not None and session.get(World, made) is not None else None

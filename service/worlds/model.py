@@ -52,3 +52,12 @@ class World(Base):
     tick: Mapped[int] = mapped_column(default=0)
     record_hash: Mapped[str | None] = mapped_column(String(64))
     kept_bytes: Mapped[int] = mapped_column(default=0)
+
+
+class WorldGuest(Base):
+    """An owner who has joined the world of another one by an invitation, and may see it and its record."""
+
+    __tablename__ = "world_guests"
+
+    world_id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    owner: Mapped[str] = mapped_column(String(100), primary_key=True, index=True)

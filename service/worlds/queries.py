@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 
-from sqlalchemy import func, select, update
+from sqlalchemy import delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.base import now
-from dohyo.service.worlds.model import LIVE, World, WorldStatus
+from dohyo.service.worlds.model import LIVE, World, WorldGuest, WorldStatus
 
 KEPT_PER_OWNER = 1000
 
 
 def list_worlds(session: Session, owner: str | None, limit: int, after: str | None) -> Sequence[World]:
-    """Worlds of an owner (None: of all) by identifier, those past `after`."""
+    """Worlds of an owner or guest (None: all worlds) by identifier, those past `after`."""
     query = select(World).order_by(World.id).limit(limit)
     if owner is not None:
-        query = query.where(World.owner == owner)
+        invited = select(WorldGuest.world_id).where(WorldGuest.owner == owner)
+        query = query.where(or_(World.owner == owner, World.id.in_(invited)))
     return session.scalars(query.where(World.id > after) if after else query).all()
 
 
@@ -38,6 +40,20 @@ def finish_world(
     record_hash, kept_bytes = record or (None, 0)
     values = {"status": status, "reason": reason, "tick": tick, "record_hash": record_hash, "kept_bytes": kept_bytes}
     session.execute(update(World).where(World.id == identifier).values(finished=now(), **values))
+
+
+def delete_world(session: Session, row: World) -> None:
+    """Deletes a world and the list of its guests."""
+    session.execute(delete(WorldGuest).where(WorldGuest.world_id == row.id))
+    session.delete(row)
+
+
+def retire_worlds(session: Session, before: datetime) -> list[str]:
+    """Marks the records of worlds that ended before a moment as no longer kept; returns the worlds' identifiers."""
+    old = (World.finished < before, World.kept_bytes > 0)
+    identifiers = list(session.scalars(select(World.id).where(*old)))
+    session.execute(update(World).where(World.id.in_(identifiers)).values(kept_bytes=0))
+    return identifiers
 
 
 def fail_live_worlds(session: Session, reason: str) -> int:

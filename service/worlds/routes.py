@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
+from functools import partial
 
 from fastapi import APIRouter, Response
 
 from dohyo.service.accounts.access import Caller, Holder, Submitter
+from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
 from dohyo.service.errors import ConflictError
 from dohyo.service.state import Services, ServicesOf
+from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.caching import Cached
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.files import OpenFileResponse
@@ -16,23 +18,26 @@ from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.access import find_world, live_world, world_of
-from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldRequest
-from dohyo.service.worlds.book import record_path, records_folder
-from dohyo.service.worlds.model import World
+from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldInvitationRequest, WorldRequest
 from dohyo.service.worlds.order import WorldOrder, WorldRules
 from dohyo.service.worlds.orders import scenario_of
-from dohyo.service.worlds.views import WorldView, view_world
+from dohyo.service.worlds.records import kept_record, records_folder, remove_record
+from dohyo.service.worlds.views import WorldInvitationView, WorldView, view_world
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import content_hash
 
 router = APIRouter(prefix="/v1", tags=["worlds"], route_class=StrictRoute)
 
 
 @router.post("/worlds", status_code=201, responses=problems(403, 413, 507))
-async def create_world(order: WorldRequest, caller: Submitter, services: ServicesOf) -> WorldView:
+async def create_world(
+    order: WorldRequest, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
+) -> WorldView:
     """Starts a world in a process of its own, and answers once its first tick is there.
 
     It waits until every ego has a driver, or until it is resumed. Each tick then waits for all who joined.
     """
-    scenario = await asyncio.to_thread(scenario_of, order)
+    scenario = await services.orders.compute(partial(scenario_of, order), caller.owner, anonymous=False)
     folder = records_folder(services.settings).resolve() if order.record else None
     deadline_s = order.deadline_s or services.settings.act_deadline_s
 
@@ -42,7 +47,8 @@ async def create_world(order: WorldRequest, caller: Submitter, services: Service
         kept = {"directory": folder, "stays": order.stays, "reward": order.reward}
         return WorldOrder(name=identifier, scenario=scenario, undriven=order.undriven, **kept)
 
-    identifier = await services.worlds.create(caller.owner, make, rules)
+    request = content_hash({"world": order.model_dump(mode="json")})
+    identifier = await services.worlds.create(caller.owner, make, rules, (idempotency_key, request))
     return await _view(services, caller, identifier)
 
 
@@ -101,6 +107,21 @@ async def reset_world(
     return await _view(services, caller, identifier)
 
 
+@router.post("/worlds/{identifier}/invitations", status_code=201, responses=problems(403, 404, 409, 413))
+async def invite_to_world(
+    identifier: Identifier, order: WorldInvitationRequest, caller: Submitter, services: ServicesOf
+) -> WorldInvitationView:
+    """Makes a code with which the workers of one other owner may join a live world.
+
+    The guest sees the world and its record, and may not control it.
+    """
+    world = await live_world(services, caller, identifier)
+    names = [mission.name for mission in world.order.scenario.missions]
+    if unknown := [ego for ego in order.egos or [] if ego not in names]:
+        raise InvalidInputError(f"egos: expected some of {names[:50]}, got {unknown[:10]}")
+    return WorldInvitationView(world=identifier, code=world.guests.invite(order.egos, coupled=order.coupled))
+
+
 @router.post("/worlds/{identifier}/end", responses=problems(403, 404, 409, 413))
 async def end_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> WorldView:
     """Ends a world; its record says that its egos' drives were ended."""
@@ -114,38 +135,37 @@ async def end_world(identifier: Identifier, caller: Submitter, services: Service
 def delete_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
     """Deletes a world that has ended, with its record."""
     with services.database.session() as session:
-        row = world_of(session, caller, identifier)
+        row = world_of(session, caller, identifier, own=True)
         if row.status.live:
             raise ConflictError("expected a world that has ended, this one is live; end it first")
-        session.delete(row)
-    for path in records_folder(services.settings).glob(f"{identifier}.*"):
-        path.unlink(missing_ok=True)
+        queries.delete_world(session, row)
+    remove_record(services.settings, identifier)
 
 
-@router.get("/worlds/{identifier}/record", response_class=Response, responses=problems(404, 409) | Cached.json())
+@router.get("/worlds/{identifier}/record", response_class=Response, responses=problems(404, 409, 410) | Cached.json())
 def get_world_record(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
-    """The record of a world that has ended, as `dohyo score` reads it. Its benchmark is null: it enters no ranking."""
+    """The record of a world that has ended, as `dohyo score` reads it. Its benchmark is null: it enters no ranking.
+
+    The header `dohyo-signature` has the service's signature of its hash: algorithm, public key, signature.
+    """
     with services.database.reading() as session:
-        _recorded(world_of(session, caller, identifier))
-    return Response(record_path(services.settings, identifier).read_bytes(), media_type="application/json")
+        row = world_of(session, caller, identifier)
+        path, record_hash = kept_record(services.settings, row), str(row.record_hash)
+    headers = {SIGNATURE_HEADER: signature_header(services.signing.sign(record_hash))}
+    return Response(path.read_bytes(), media_type="application/json", headers=headers)
 
 
 @router.get(
     "/worlds/{identifier}/trajectory",
     response_class=Response,
-    responses=problems(404, 409) | Cached.file("application/vnd.apache.parquet"),
+    responses=problems(404, 409, 410) | Cached.file("application/vnd.apache.parquet"),
 )
 def get_world_trajectory(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
     """Trajectories of a world that has ended as Parquet, one row per object and tick."""
     with services.database.reading() as session:
-        _recorded(world_of(session, caller, identifier))
-    file = record_path(services.settings, identifier).with_suffix(".parquet").open("rb")
+        path = kept_record(services.settings, world_of(session, caller, identifier))
+    file = path.with_suffix(".parquet").open("rb")
     return OpenFileResponse(file, media_type="application/vnd.apache.parquet", filename=f"{identifier}.parquet")
-
-
-def _recorded(row: World) -> None:
-    if row.record_hash is None:
-        raise ConflictError("the world is live, or was not recorded to its end")
 
 
 async def _view(services: Services, caller: Caller, identifier: str) -> WorldView:

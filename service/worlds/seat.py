@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -30,12 +31,13 @@ class Seat:
     """A worker's place in a world.
 
     Attributes:
-        id: Identifier in paths; a worker that joins again gets another one.
-        token: Secret of its messages.
         spec: Name, sensors and control of the driver.
         egos: Egos that it drives.
-        coupled: Whether it is a simulator that sees all actors, and may have no ego.
+        owner: Owner of the worker.
         token_id: API token with which the worker joined.
+        coupled: Whether it is a simulator that sees all actors, and may have no ego.
+        id: Identifier in paths; a worker that joins again gets another one.
+        token: Secret of its messages.
         tick: Tick last shown to the worker.
         decision: Its decision for that tick; None: it decides now.
         last: Its last decision.
@@ -49,12 +51,13 @@ class Seat:
         ended: Why it has no place any more; "" while it has.
     """
 
-    id: str
-    token: str
     spec: AgentSpec
     egos: tuple[str, ...]
+    owner: str
     token_id: str
     coupled: bool = False
+    id: str = field(default_factory=lambda: f"s-{secrets.token_hex(12)}")
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
     tick: int = 0
     decision: Actions | None = None
     last: Actions | None = None
@@ -71,6 +74,10 @@ class Seat:
 
     def __post_init__(self) -> None:
         self._control = make_control(self.spec.control, VehicleParameters(), TICK_S, WORLD_CONTROLS)
+
+    def is_like(self, other: Seat) -> bool:
+        """Whether a place is for the same egos, sensors and control."""
+        return (self.spec, self.egos, self.coupled) == (other.spec, other.egos, other.coupled)
 
     def begin(self, tick: int, due: float) -> None:
         """The worker learns of a tick, and decides until `due`."""

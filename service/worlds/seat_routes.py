@@ -15,7 +15,7 @@ from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.messages import decode_as
 from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
-from dohyo.service.worlds.access import live_world
+from dohyo.service.worlds.access import admit, live_world
 from dohyo.service.worlds.actors import ActorChange
 from dohyo.service.worlds.bodies import JoinRequest, Seated, WorldReply, WorldStep
 from dohyo.service.worlds.seat import Seat
@@ -76,11 +76,17 @@ async def join_world(
     """Takes a place in a world, at any time, with egos that nobody else drives.
 
     Who joins again by the same name with the same egos, sensors and control takes the place back where it was, such as
-    after a crash. The messages of the old place are answered with 410.
+    after a crash. The messages of the old place are answered with 410. A worker of another owner sends the code of an
+    invitation when it joins first.
     """
-    world = await live_world(services, caller, identifier)
+    if order.invitation is not None:
+        await admit(services, caller, identifier, order.invitation)
+    world = await live_world(services, caller, identifier, own=False)
     egos = tuple(dict.fromkeys(order.egos))
-    seat = await world.join(_spec(order), egos, caller.token_id or "", coupled=order.coupled)
+    if not caller.owns(world.owner):
+        world.guests.check(caller.owner, egos, coupled=order.coupled)
+    seat = Seat(_spec(order), egos, caller.owner, caller.token_id or "", order.coupled)
+    await world.join(seat)
     services.worlds.add_seat(world, seat)
     reply, answered = world.reply_to(seat), formats_of(headers_of(request.scope))[1]
     given = Seated(

@@ -28,6 +28,17 @@ class EgoView(View):
     driving: bool
 
 
+class WorldInvitationView(View):
+    """An invitation to a world; its code cannot be read again.
+
+    Attributes:
+        code: Sent by the guest's worker when it joins.
+    """
+
+    world: str
+    code: str
+
+
 class WorldView(View):
     """A live scenario, or how it ended. It enters no ranking.
 

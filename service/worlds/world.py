@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import secrets
 import time
-from collections.abc import Sequence
 
 import msgspec
 from msgspec import UNSET
@@ -27,6 +25,7 @@ from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.worlds.actors import ActorChange, WorldActors
 from dohyo.service.worlds.bodies import EgoOutcome, WorldReply, WorldStep
 from dohyo.service.worlds.clock import Clock, Pace
+from dohyo.service.worlds.guests import Guests
 from dohyo.service.worlds.model import WorldStatus
 from dohyo.service.worlds.order import Drivers, Reset, WorldOrder, WorldRules
 from dohyo.service.worlds.seat import Seat
@@ -54,7 +53,9 @@ class LiveWorld:
         seed: Seed of the present run.
         resets: How often it has begun anew.
         actors: Actors that other simulators have put into it.
+        guests: Other owners who may join it.
         seats: Seats by their identifiers.
+        begun: Whether its first tick was shown.
         heard: Monotonic time of the last request.
         ending: Why it was ended; "" while it goes on.
         audience: Its spectators.
@@ -65,12 +66,12 @@ class LiveWorld:
     ) -> None:
         self.id, self.owner, self.order = identifier, owner, order
         self.deadline_s, self.late = rules.deadline_s, rules.late
-        self.clock, self.actors = Clock(rules.pace, rules.speed), WorldActors()
+        self.clock, self.actors, self.guests = Clock(rules.pace, rules.speed), WorldActors(), Guests()
         self.seed, self.resets = order.scenario.seed, 0
         self.status, self.tick, self.time_s = WorldStatus.WAITING, 0, 0.0
         self.driving: tuple[str, ...] = tuple(mission.name for mission in order.scenario.missions)
         self.seats: dict[str, Seat] = {}
-        self.heard, self.ending = time.monotonic(), ""
+        self.begun, self.heard, self.ending = False, time.monotonic(), ""
         self.audience = Audience(lambda watched: process.send(Kind.WATCH, bytes([watched])), MOST_SPECTATORS)
         self._told = b""
         self._process = process
@@ -143,7 +144,8 @@ class LiveWorld:
     def end(self, why: str) -> None:
         """Ends the world; its process writes the record."""
         self.ending = self.ending or why
-        self._process.send(Kind.FAULT, json.dumps([Fault.TIMEOUT, why]).encode())
+        if self.begun:
+            self._process.send(Kind.FAULT, json.dumps([Fault.TIMEOUT, why]).encode())
 
     @property
     def _goes_on(self) -> bool:
@@ -157,20 +159,20 @@ class LiveWorld:
 
     # Seats
 
-    async def join(self, spec: AgentSpec, egos: Sequence[str], token_id: str, *, coupled: bool = False) -> Seat:
+    async def join(self, seat: Seat) -> None:
         """Seats a worker. One that joins again by the same name takes its place back; the old identifier ends.
 
         Raises:
             InvalidInputError: There is no such ego.
-            ConflictError: An ego has ended its drive, or another worker drives it.
+            ConflictError: An ego has ended its drive, or another worker drives it or has the name.
+            ForbiddenError: A guest was not invited to that.
             GoneError: The world, or the drives of its egos, ended meanwhile.
             BusyError: The simulation takes too long.
         """
-        before = next((seat for seat in self.seats.values() if seat.spec.name == spec.name), None)
-        self._check_free(egos, before)
-        seat = Seat(f"s-{secrets.token_hex(12)}", secrets.token_urlsafe(32), spec, tuple(egos), token_id, coupled)
+        before = next((one for one in self.seats.values() if one.spec.name == seat.spec.name), None)
+        self._check_free(seat, before)
         seat.begin(self.tick, time.monotonic() + SHOW_S)
-        if before is not None and (before.spec, before.egos, before.coupled) == (spec, seat.egos, coupled):
+        if before is not None and before.is_like(seat):
             seat.take_over(before)
             self._remove(before, "its worker joined again")
         else:
@@ -178,21 +180,22 @@ class LiveWorld:
             if before is not None:
                 free = dict.fromkeys(before.egos)
                 self._remove(before, "its worker joined again, otherwise")
-                self.actors.forget(spec.name)
+                self.actors.forget(seat.spec.name)
             self.seats[seat.id] = seat
-            self._change(free | dict.fromkeys(egos, spec))
+            self._change(free | dict.fromkeys(seat.egos, seat.spec))
         self.seats[seat.id] = seat
         await self.shown()
         seat.refuse_ended()
         seat.begin(self.tick, time.monotonic() + self.deadline_s)
         if self.status is WorldStatus.WAITING and not self._undriven():
             self.resume()
-        return seat
 
-    def _check_free(self, egos: Sequence[str], before: Seat | None) -> None:
+    def _check_free(self, seat: Seat, before: Seat | None) -> None:
+        if before is not None and before.owner != seat.owner:
+            raise ConflictError(f"another owner's worker has the name '{seat.spec.name}' in this world")
         names = [mission.name for mission in self.order.scenario.missions]
-        held = {ego: seat for seat in self.seats.values() if seat is not before for ego in seat.egos}
-        for ego in egos:
+        held = {ego: one for one in self.seats.values() if one is not before for ego in one.egos}
+        for ego in seat.egos:
             if ego not in names:
                 raise InvalidInputError(f"egos: expected some of {names[:50]}, got '{ego[:100]}'")
             if ego in held:
@@ -335,6 +338,10 @@ class LiveWorld:
         if revision != self._revision:
             return  # it will be shown again, with the present drivers
         self._shown = msgspec.msgpack.decode(memoryview(payload)[SHOWN.size :], type=Shown)
+        if not self.begun:
+            self.begun, self.heard = True, time.monotonic()
+            if self.ending:  # before it had begun
+                self.end(self.ending)
         ticked, self._restarted = tick > self.tick or self._restarted, False
         self.tick, self.time_s, self.driving = tick, time_s, tuple(self._shown.driving)
         if not self.driving:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ import httpx
 import pytest
 
 from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.records.store import read_record
+from dohyo.service.client.downloads import signature_of
 from tests.service.serving import Served, serving
 from tests.service.worlds.agents import Keeper
 from tests.service.worlds.clients import AHEAD, PATIENCE_S, SPEEDS, Client, scenario
@@ -180,14 +184,96 @@ def test_a_scenario_that_cannot_be_is_refused(asked: Any, words: str, client: Cl
     assert len(client.send("GET", "/v1/worlds").json()["items"]) == before
 
 
-def test_a_killed_service_says_later_that_its_worlds_failed(tmp_path: Path) -> None:
-    with serving(tmp_path / "data") as first:
+def test_worlds_end_when_nobody_asks_and_when_their_service_ends(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    with serving(data, before="import os; os.environ['DOHYO_WORLD_IDLE_S'] = '3'") as first:
         before = Client(first)
-        world = before.world(record=True)
-        before.seat(world, "a", "front")
-        assert first.end(signal.SIGKILL) == -signal.SIGKILL
-    with serving(tmp_path / "data") as second:
-        found = Client(second, before.token).get(world)
+        idle = before.world(record=True)
+        listed = listed_until(before, idle, lambda found: found["finished"] is not None)
+        assert (listed["status"], listed["reason"]) == ("ended", "no request came for 3 s")
+        stopped = before.world(record=True)
+        before.step(before.seat(stopped, "a", "front", "middle", "back"), 0, **dict.fromkeys(SPEEDS, AHEAD))
+        assert first.end(signal.SIGTERM) == 0
+    with serving(data) as second:
+        after = Client(second, before.token)
+        found = after.get(stopped)
+        assert (found["status"], found["reason"], found["tick"]) == ("ended", "the service ended", 1)
+        for world in (idle, stopped):
+            answer = after.send("GET", f"/v1/worlds/{world}/record")
+            path = tmp_path / f"{world}.json"
+            path.write_bytes(answer.content)
+            record = read_record(path)
+            signed = signature_of(answer.headers, record.record_hash)
+            assert signed is not None
+            signed.check(record)
+        killed = after.world(record=True)
+        after.seat(killed, "a", "front")
+        assert second.end(signal.SIGKILL) == -signal.SIGKILL
+    with serving(data, before="import os; os.environ['DOHYO_RECORDS_KEPT_DAYS'] = '0.00001'") as third:
+        last = Client(third, before.token)
+        found = last.get(killed)
         assert (found["status"], found["record_hash"]) == ("failed", None)
         assert found["reason"] == "the service ended while the world was live"
-        assert json.dumps(found["egos"]).count("null") == 3
+        assert last.send("GET", f"/v1/worlds/{stopped}/record").status_code == 410
+        assert last.send("GET", f"/v1/worlds/{stopped}/trajectory").status_code == 410
+        assert last.get(stopped)["record_hash"], "its hash stays"
+    assert not list((data / "worlds").glob("*.parquet"))
+
+
+def listed_until(client: Client, world: str, true: Callable[[Any], bool]) -> Any:
+    """The world in the list, which is no request to the world, once something holds for it."""
+    ends = time.monotonic() + PATIENCE_S
+    while True:
+        (found,) = [one for one in client.send("GET", "/v1/worlds").json()["items"] if one["id"] == world]
+        if true(found):
+            return found
+        assert time.monotonic() < ends, found
+        time.sleep(0.1)
+
+
+def test_the_same_request_makes_one_world(client: Client) -> None:
+    document = {"scenario": scenario(1).model_dump(mode="json")}
+    headers = {"authorization": f"Bearer {client.token}", "idempotency-key": "once"}
+
+    def send(body: Any) -> httpx.Response:
+        return httpx.post(f"{client.url}/v1/worlds", json=body, headers=headers, timeout=120)
+
+    with ThreadPoolExecutor(2) as pool:
+        made = [one.result().json()["id"] for one in [pool.submit(send, document), pool.submit(send, document)]]
+    assert made[0] == made[1] == send(document).json()["id"]
+    assert send(document | {"record": True}).status_code == 422, "the key was for another request"
+    client.order(made[0], "end")
+    assert client.send("DELETE", f"/v1/worlds/{made[0]}").status_code == 204
+    assert send(document).json()["id"] != made[0], "it was deleted"
+
+
+def test_an_invited_owner_joins_and_controls_nothing(client: Client, served: Served) -> None:
+    def made(owner: str, role: str = "submitter") -> Client:
+        return Client(served, served.ask("POST", "/v1/tokens", {"owner": owner, "role": role})["token"])
+
+    host, guest, stranger = made("host"), made("guest"), made("stranger")
+    world = host.world(record=True, undriven="stand")
+    assert guest.join(world, "g", "back").status_code == 404
+    assert host.send("POST", f"/v1/worlds/{world}/invitations", {"egos": ["nobody"]}).status_code == 422
+    invited = host.send("POST", f"/v1/worlds/{world}/invitations", {"egos": ["back"]})
+    code = invited.json()["code"]
+    assert (invited.status_code, guest.join(world, "g", "back", invitation="dohyo_world_x").status_code) == (201, 404)
+    seat = guest.seat(world, "g", "back", invitation=code)
+    assert stranger.join(world, "s", "back", invitation=code).status_code == 404, "a code is for one owner"
+    assert guest.join(world, "g", "front").status_code == 403
+    assert guest.join(world, "g", "back", coupled=True).status_code == 403
+    assert host.join(world, "g", "middle").status_code == 409, "nobody takes the place of another owner"
+    again = guest.seat(world, "g", "back")
+    assert (guest.get(world)["id"], guest.send("GET", "/v1/worlds").json()["items"][0]["id"]) == (world, world)
+    assert guest.step(seat, 0, back=AHEAD).status_code == 410
+    for what in ("pause", "resume", "reset", "pace", "end", "invitations", "actors"):
+        assert guest.send("POST", f"/v1/worlds/{world}/{what}", {}).status_code == 403, what
+        assert stranger.send("POST", f"/v1/worlds/{world}/{what}", {}).status_code == 404, what
+    host.order(world, "resume")
+    assert guest.step(again, 0, back=AHEAD).json()["tick"] == 1
+    host.order(world, "end")
+    assert guest.send("DELETE", f"/v1/worlds/{world}").status_code == 403
+    assert guest.send("GET", f"/v1/worlds/{world}/record").json()["egos"][2]["agent"]["name"] == "g"
+    assert stranger.send("GET", f"/v1/worlds/{world}/record").status_code == 404
+    assert host.send("DELETE", f"/v1/worlds/{world}").status_code == 204
+    assert guest.send("GET", "/v1/worlds").json()["items"] == []
