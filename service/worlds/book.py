@@ -21,17 +21,17 @@ from dohyo.service.errors import BusyError, TooManyRequestsError, UnauthorisedEr
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling.dismissal import dismiss_workers
 from dohyo.service.settings import Settings
+from dohyo.service.simulating.order import WorldOrder, WorldRules
+from dohyo.service.simulating.shown import SHOWN
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.model import World, WorldStatus
-from dohyo.service.worlds.order import WorldOrder, WorldRules
 from dohyo.service.worlds.records import record_path
 from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.shown import SHOWN
 from dohyo.service.worlds.world import LiveWorld
 from dohyo.sumo_networks.errors import InvalidInputError
 
-ENTRY: Final = "dohyo.service.worlds.child:simulate_here"
+ENTRY: Final = "dohyo.service.simulating.child:simulate_here"
 Repeatable = tuple[str | None, str]
 """Idempotency-Key of a request, and the hash of its content."""
 SWEEP_S: Final = 0.1

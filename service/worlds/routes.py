@@ -9,6 +9,7 @@ from fastapi import APIRouter, Response
 from dohyo.service.accounts.access import Caller, Holder, Submitter
 from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
 from dohyo.service.errors import ConflictError
+from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.caching import Cached
@@ -19,7 +20,6 @@ from dohyo.service.web.views import Page
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.access import find_world, live_world, world_of
 from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldInvitationRequest, WorldRequest
-from dohyo.service.worlds.order import WorldOrder, WorldRules
 from dohyo.service.worlds.orders import scenario_of
 from dohyo.service.worlds.records import kept_record, records_folder, remove_record
 from dohyo.service.worlds.views import WorldInvitationView, WorldView, view_world

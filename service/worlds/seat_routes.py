@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Request, Response
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.accounts.access import Submitter, WorkerCaller
 from dohyo.service.errors import ServiceError
+from dohyo.service.simulating.actors import ActorChange
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import Identifier, problems
 from dohyo.service.web.strict_json import StrictRoute
@@ -16,7 +17,6 @@ from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.messages import decode_as
 from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
 from dohyo.service.worlds.access import admit, live_world
-from dohyo.service.worlds.actors import ActorChange
 from dohyo.service.worlds.bodies import JoinRequest, Seated, WorldReply, WorldStep
 from dohyo.service.worlds.seat import Seat
 from dohyo.service.worlds.world import LiveWorld

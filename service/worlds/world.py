@@ -19,17 +19,17 @@ from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Fault, Kind
 from dohyo.service.running.process import EpisodeProcess
+from dohyo.service.simulating.actors import ActorChange, WorldActors
+from dohyo.service.simulating.order import Drivers, Reset, WorldOrder, WorldRules
+from dohyo.service.simulating.shown import SHOWN, Decided, Shown
 from dohyo.service.spectating.audience import Audience
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
-from dohyo.service.worlds.actors import ActorChange, WorldActors
 from dohyo.service.worlds.bodies import EgoOutcome, WorldReply, WorldStep
 from dohyo.service.worlds.clock import Clock, Pace
 from dohyo.service.worlds.guests import Guests
 from dohyo.service.worlds.model import WorldStatus
-from dohyo.service.worlds.order import Drivers, Reset, WorldOrder, WorldRules
 from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.shown import SHOWN, Decided, Shown
 from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError
 

@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from dohyo.service.worlds.actors import KindName, ShownActor
+from dohyo.service.simulating.actors import KindName, ShownActor
 from dohyo.sumo_networks.actors.names import ego_proxy
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.world import ActorKind

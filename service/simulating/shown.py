@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from dohyo.service.worlds.actors import ActorChange, ShownActor
+from dohyo.service.simulating.actors import ActorChange, ShownActor
 from dohyo.sumo_networks.envs.reward_meter import Outcome
 
 SHOWN = struct.Struct("!IdI")  # tick, simulated time [s], revision of the drivers; then `Shown` in msgpack

@@ -9,8 +9,8 @@ import traceback
 from dohyo.service.confinement.rights import confine_episodes
 from dohyo.service.running.channel import Channel, Kind
 from dohyo.service.running.child import end_with_server
-from dohyo.service.worlds.drive import drive_world
-from dohyo.service.worlds.order import WorldOrder
+from dohyo.service.simulating.drive import drive_world
+from dohyo.service.simulating.order import WorldOrder
 from dohyo.sumo_networks.errors import InvalidInputError
 
 

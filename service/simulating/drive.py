@@ -14,11 +14,11 @@ from dohyo.evaluation.episode.runner import agents_env, drive_episode
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.running.channel import Channel, Kind
+from dohyo.service.simulating.coupling import shown_actors
+from dohyo.service.simulating.order import Drivers, Reset, Undriven, WorldOrder
+from dohyo.service.simulating.shown import SHOWN, Decided
 from dohyo.service.spectating.scene import SceneFeed
 from dohyo.service.wire.messages import pack, unpack
-from dohyo.service.worlds.coupling import shown_actors
-from dohyo.service.worlds.order import Drivers, Reset, Undriven, WorldOrder
-from dohyo.service.worlds.shown import SHOWN, Decided
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.reward_meter import RewardMeter
 from dohyo.sumo_networks.errors import AgentTimeoutError
