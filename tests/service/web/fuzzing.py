@@ -27,6 +27,7 @@ from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.evaluations.scoring import summary_of
 from dohyo.service.settings import Settings
+from dohyo.service.worlds import world as live
 from tests.evaluation.builders import drive, ego, episode
 from tests.service.harness import Harness, IdleScheduler, finish
 
@@ -41,8 +42,10 @@ CALLERS: Final[Mapping[str, tuple[str, Role] | None]] = {
 }
 """Owner and role of each caller; what exists is the owner's."""
 
-WAITS: Final = "/v1/workers/{worker_id}/acquire"
-"""Waits for an episode, and has tests of its own."""
+WAITS: Final = ("/v1/workers/{worker_id}/acquire", "/v1/worlds/{identifier}/events")
+"""Wait for an episode, or stream for ever; they have tests of their own."""
+TOKEN: Final = "its own token"
+LAST: Final = "/v1/worlds/{identifier}/end"
 
 
 @contextmanager
@@ -50,6 +53,7 @@ def listening(data: Path) -> Iterator[tuple[str, Harness]]:
     """The service behind a real socket, since some requests that are made up exist only there."""
     generous = {"requests_per_minute": 1_000_000, "read_seconds_per_minute": 1e6, "_env_file": None}
     app = create_app(Settings(data=data, **generous), IdleScheduler)  # type: ignore[arg-type]
+    live.STEP_WAIT_S = 0.2  # a step in a world that another request has paused
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, access_log=False, lifespan="on"))
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -95,8 +99,8 @@ def find_faults(
     assert len(operations) > 30
     chosen = [callers] if each else [[name] for name in callers]
     faults: set[str] = set()
-    for operation in sorted(operations, key=lambda one: one.method.upper() == "DELETE"):
-        if operation.path != WAITS and only in operation.path:
+    for operation in sorted(operations, key=lambda one: (one.method.upper() == "DELETE", one.path == LAST)):
+        if operation.path not in WAITS and only in operation.path:
             told(f"{operation.method.upper()} {operation.path}")
             _try(url, operation, {name: headers[name] for name in callers}, chosen, real, examples, faults)
     return sorted(faults)
@@ -129,6 +133,8 @@ def _resources(service: Harness, headers: dict[str, str]) -> dict[str, dict[str,
     webhook = make("/v1/webhooks", {"url": "https://93.184.215.14/hook"})["id"]
     token = make("/v1/tokens", {"owner": "owner", "role": "reader"})["id"]
     worker = make("/v1/workers", {"agent": "mine"})
+    world = make("/v1/worlds", {"network": "ingolstadt", "traffic": {"warm_up_s": 0.0}})["id"]
+    seat = make(f"/v1/worlds/{world}/join", {"name": "simulator", "coupled": True})
     return {
         "/v1/challenges/{name}/phases": {"name": "cup", "identifier": ranking},
         "/v1/challenges/{name}/baselines": {"name": "cup", "identifier": baseline},
@@ -144,6 +150,8 @@ def _resources(service: Harness, headers: dict[str, str]) -> dict[str, dict[str,
         "/v1/webhooks": {"identifier": webhook},
         "/v1/tokens": {"identifier": token},
         "/v1/workers": {"worker_id": worker.get("worker", "")},
+        "/v1/worlds": {"identifier": world},
+        "/v1/seats": {"seat": seat["seat"], TOKEN: seat["token"]},
     }
 
 
@@ -188,8 +196,9 @@ def _try(
     def probe(case: Any, existing: bool, callers: list[str]) -> None:
         if existing and case.path_parameters:
             case.path_parameters.update({key: value for key, value in exists.items() if key in case.path_parameters})
+        own = {"authorization": f"Bearer {exists[TOKEN]}"} if existing and TOKEN in exists else None
         for name in callers:
-            answer = case.call(base_url=url, headers=headers[name])
+            answer = case.call(base_url=url, headers=own or headers[name])
             if fault := _fault(answer, documented):
                 faults.add(f"{operation.method.upper()} {operation.path} as {name}: {answer.status_code} {fault}")
 
