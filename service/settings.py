@@ -59,7 +59,7 @@ class Settings(BaseSettings):
             maps, replays, boards, tables, records, comparisons and rescoring; and as many again for orders of
             evaluations.
         bytes_per_owner: Most bytes that one owner keeps: records, policies, networks, uploads that wait.
-        records_kept_days: Days after the end of an evaluation after which its records' files are removed, of ranked
+        records_kept_days: Days after the end of an evaluation or world after which its records' files go, of ranked
             runs too; rows and scores stay. None: never.
         jobs: Jobs done at once, such as checks of uploads; each has about one process.
         jobs_per_owner: Most unfinished jobs of one owner.
