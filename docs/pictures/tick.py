@@ -10,19 +10,19 @@ from pathlib import Path
 
 PARTS = ("vehicle simulator", "service", "SUMO and criteria", "worker")
 MESSAGES = (
-    (0, 1, "step: tick 7, pose of its ego, actors it puts"),
-    (3, 1, "step: tick 7, action of its ego"),
-    (1, 2, "once all have sent: actions, poses, actors"),
-    (2, 2, "0.1 s: egos drive, traffic yields, sensors, judgement"),
+    (0, 1, "step: tick 7, pose, its actors"),
+    (3, 1, "step: tick 7, action"),
+    (1, 2, "once all have sent theirs"),
+    (2, 2, "0.1 s: drive, yield, see, judge"),
     (2, 1, "tick 8: observations, egos, traffic"),
     (1, 0, "reply: tick 8, egos and traffic"),
-    (1, 3, "reply: tick 8, observations of its ego"),
+    (1, 3, "reply: tick 8, observations"),
 )
 LEFT, APART, TOP, STEP = 110, 250, 40, 46
 WIDTH, HEIGHT = 2 * LEFT + APART * (len(PARTS) - 1) + 120, TOP + STEP * (len(MESSAGES) + 1)
-STYLE = """text{font:14px ui-sans-serif,system-ui,sans-serif;fill:#1F2328}.page{fill:#FAF8F4}
+STYLE = """text{font:14px ui-sans-serif,system-ui,sans-serif;fill:#1F2328;stroke:#FAF8F4;stroke-width:6;paint-order:stroke}.page{fill:#FAF8F4}
 .part{font-weight:700}.line{stroke:#B4AC9D;stroke-width:1.5}.arrow{stroke:#5B4B8A;stroke-width:2;fill:none}
-.head{fill:#5B4B8A}@media(prefers-color-scheme:dark){text{fill:#E8E6E1}.page{fill:#14161A}.line{stroke:#464C55}
+.head{fill:#5B4B8A}@media(prefers-color-scheme:dark){text{fill:#E8E6E1;stroke:#14161A}.page{fill:#14161A}.line{stroke:#464C55}
 .arrow{stroke:#A594E0}.head{fill:#A594E0}}"""
 
 
