@@ -4,7 +4,7 @@ import { h } from "../dom.js";
 import { SIGNS } from "../words.js";
 
 const SIGN = { ...SIGNS, paused: "‖" };
-const MEANS = { running: "running", paused: "paused", done: "success", ended: "infrastructure", failed: "infraction" };
+const MEANS = { running: "running", paused: "paused", over: "success", done: "success", ended: "infrastructure", failed: "infraction" };
 
 export function standing(status, size = "") {
   const kind = MEANS[status] ?? "waiting";

@@ -122,7 +122,6 @@ function toolbar(act, mayChange) {
   const toggle = button("resume", "resume or pause (space)", () => (status === "running" ? pause() : resume()));
   const steps = [1, 10].map((ticks) => button(ticks === 1 ? "1 tick" : `${ticks} ticks`, `go on for ${ticks}`, act("step", { ticks })));
   const end = button("end", "end the world; its record says so", act("end"));
-  const changing = [toggle, ...steps, end];
   return {
     time,
     elements: mayChange ? [h("div", { class: "group" }, toggle, steps), time, h("div", { class: "group" }, end)] : [time],
@@ -130,8 +129,9 @@ function toolbar(act, mayChange) {
     show(now) {
       status = now;
       toggle.textContent = status === "running" ? "pause" : "resume";
-      for (const one of changing) one.disabled = !["running", "paused", "waiting"].includes(status);
-      for (const one of steps) one.disabled ||= status !== "paused";
+      toggle.disabled = !["running", "paused", "waiting"].includes(status);
+      for (const one of steps) one.disabled = status !== "paused";
+      end.disabled = !status;
     },
   };
 }
