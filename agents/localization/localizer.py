@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from types import MappingProxyType
+from typing import Concatenate, ParamSpec
 
 import numpy as np
 
@@ -51,6 +53,25 @@ BLIND_ACCELERATION, BLIND_YAW_RATE = 3.0, 0.3
 """Motion of a car during a gap, standard deviations, m/s^2 and rad/s."""
 SAME_TIME_S = 1e-6
 
+P = ParamSpec("P")
+
+
+class FilterDivergedError(InvalidInputError):
+    """The filter's state or covariance is no longer a number: the measurements contradict what it assumes."""
+
+    def __init__(self, time: float, settings: Settings, cause: object) -> None:
+        """Says when it happened, and with which policy.
+
+        Args:
+            time: Of the sample or fix, s.
+            settings: Of the localizer.
+            cause: What the arithmetic says.
+        """
+        super().__init__(
+            f"localizer: expected measurements that fit the settings; at {time:.2f} s the filter {settings.filter} "
+            f"with the outlier policy {settings.outliers} diverged ({cause})"
+        )
+
 
 @dataclass(frozen=True)
 class Fix:
@@ -65,6 +86,21 @@ class Fix:
     time: float
     position: FloatArray
     sigma_m: float | None = None
+
+
+def _tells_divergence(
+    use: Callable[Concatenate[Localizer, float, P], None],
+) -> Callable[Concatenate[Localizer, float, P], None]:
+    """Gives the errors of a filter's arithmetic one name."""
+
+    @wraps(use)
+    def told(self: Localizer, time: float, /, *args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            use(self, time, *args, **kwargs)
+        except (ZeroDivisionError, np.linalg.LinAlgError) as error:
+            raise FilterDivergedError(time, self.settings, error) from error
+
+    return told
 
 
 class Localizer:
@@ -131,6 +167,7 @@ class Localizer:
         """Number of outliers among the fixes."""
         return sum(not fix.used for fix in self.fixes)
 
+    @_tells_divergence
     def imu(self, time: float, sample: FloatArray) -> None:
         """Uses a sample that holds for the time since the last one.
 
@@ -140,6 +177,7 @@ class Localizer:
 
         Raises:
             InvalidInputError: The vehicle did not stand still during the calibration.
+            FilterDivergedError: The filter has diverged.
         """
         if self._time is None:
             self._began = self._time = time
@@ -159,6 +197,7 @@ class Localizer:
                 return
             self._run_from_rest(start)
 
+    @_tells_divergence
     def gnss(self, time: float, position: FloatArray, sigma_m: float | None = None) -> None:
         """Uses a fix.
 
@@ -166,6 +205,9 @@ class Localizer:
             time: s.
             position: (3,) east, north, up [m].
             sigma_m: Standard deviation in east and north by the receiver; None: that of the settings.
+
+        Raises:
+            FilterDivergedError: The filter has diverged.
         """
         if not np.isfinite(position).all() or time < self._began - MAX_STEP_S:
             return
@@ -185,8 +227,13 @@ class Localizer:
                 return
             self._run_from_rest(start)
 
+    @_tells_divergence
     def wheel_speed(self, time: float, speed_mps: float) -> None:
-        """Uses the speed of the car by its wheels, m/s, while the filter runs."""
+        """Uses the speed of the car by its wheels, m/s, while the filter runs.
+
+        Raises:
+            FilterDivergedError: The filter has diverged.
+        """
         car = self.settings.car
         if self._corrector is not None and self._uses_measurements and math.isfinite(speed_mps):
             self._corrector.correct(PointVelocity.of([speed_mps], [car.wheel_speed_mps], [0], car.axle_m))
@@ -289,3 +336,5 @@ class Localizer:
         if abs(late) > SAME_TIME_S:
             position = position + late * self._corrector.filter.velocity  # to the time of the last IMU sample
         self._corrector.fix(AntennaPosition.of(position, sigma_m, self.settings.antenna_m), time)
+        if not np.isfinite(self._corrector.filter.position).all():
+            raise FilterDivergedError(time, self.settings, "its position is no number")

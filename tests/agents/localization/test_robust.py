@@ -15,7 +15,7 @@ from dohyo.agents.localization.diagnosis import check_noise, diagnose, measured_
 from dohyo.agents.localization.filters.base import InitialState
 from dohyo.agents.localization.filters.es_ekf import EsEkf, motion_of
 from dohyo.agents.localization.filters.measurements import AntennaPosition, LevelRoad, Measurement, PointVelocity
-from dohyo.agents.localization.localizer import Localizer
+from dohyo.agents.localization.localizer import FilterDivergedError, Fix, Localizer
 from dohyo.agents.localization.logs import read_positions, read_wheel_speeds
 from dohyo.agents.localization.settings import Settings
 from dohyo.agents.localization.smoother import put_in
@@ -61,6 +61,15 @@ def test_wild_fixes_and_outages_cost_a_rolling_start_almost_nothing() -> None:
     assert robust["rmse"] < 2.0
     assert plain["rmse"] > 5.0 * known["rmse"]
     assert 0.5 < robust["nees"] < 4.0
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_a_filter_that_diverges_says_when_and_with_which_policy() -> None:
+    case, samples = Case("none", 0.0, 0.5, "roundabout", 3), driven("none")[2]
+    time, last = rolling().time, float(rolling().time[-1])
+    fixes = [Fix(now, np.array([8.0 * now + 1e200 * (now > last - 20.0), 0.0, 0.0])) for now in time[::100].tolist()]
+    with pytest.raises(FilterDivergedError, match=r"at \S+ s the filter es-ekf with the outlier policy none diverged"):
+        follow(Localizer(settings_of(case)), time, samples, fixes)
 
 
 def test_a_start_that_looks_at_rest_by_the_imu_alone_is_judged_by_the_fixes() -> None:
