@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
+ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 StringArray = NDArray[np.str_]

@@ -2,8 +2,9 @@
 
 The IMU's samples are integrated from the first fix on; the fit finds the initial state for which this path meets the
 fixes, with priors: a car moves along its heading, roads are nearly level, biases are as large as the settings say. Wild
-fixes count little (soft L1). The filter then starts at the first fix, around the fitted state but with the uncertainty
-before the fit, and uses the same fixes: so none counts twice.
+fixes, the first one too, count little (soft L1), and the fit is believed once most fixes lie on its path. The filter
+then starts at the time of the first fix, around the fitted state but with the uncertainty before the fit, and uses the
+same fixes: so none counts twice.
 """
 
 from __future__ import annotations
@@ -19,11 +20,16 @@ from dohyo.agents.localization.filters.attitude import exponential, from_heading
 from dohyo.agents.localization.filters.base import InitialState
 from dohyo.agents.localization.filters.es_ekf import integrate
 from dohyo.agents.localization.settings import Settings
-from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.arrays import ComplexArray, FloatArray, IntArray
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.sensors.gnss import VERTICAL
 
-LEAST_FIXES, ENOUGH_FIXES = 3, 6
+LEAST_FIXES, ENOUGH_FIXES = 4, 6
+"""Fixes for a fit, since one wild fix among three cannot be told; and for a start in spite of doubts."""
+LEAST_AGREEING, AGREEING_SHARE, AGREEING_SIGMAS = 3, 0.7, 4.0
+"""Fixes that must lie on the fitted path: number, share, and distance in standard deviations."""
+MOST_TRIED = 24
+"""Fixes of which each pair gives a first guess."""
 KNOWN_HEADING, HEADING_STD = 0.1, 0.25
 """Standard deviation of the fitted heading at which the filter starts, and of the heading in the filter, rad."""
 LONG_S = 20.0
@@ -65,17 +71,24 @@ class RollingStart:
         self.fixes.append((time, position, sigma_m))
         if len(self.fixes) < LEAST_FIXES or time - self._tried < TRIED_EVERY_S or not self.samples:
             return None
-        away = np.array([fix[1][:2] for fix in self.fixes]) - self.fixes[0][1][:2]
-        distance = float(np.median(np.sort(np.hypot(*away.T))[-3:]))  # one wild fix is no motion
+        distance = self._distance()
         sigma = float(np.median([fix[2] for fix in self.fixes]))
         if distance < max(self.settings.align_m, 4.0 * sigma):
             if time - self.fixes[0][0] > LONG_S and len(self.fixes) > ENOUGH_FIXES:
                 self._forget()
             return None
         self._tried = time
-        state, heading_std = self._fit()
+        state, heading_std, agreeing = self._fit()
+        agreed = agreeing >= max(LEAST_AGREEING, AGREEING_SHARE * len(self.fixes))
         enough = len(self.fixes) >= ENOUGH_FIXES and time - self.fixes[0][0] > LONG_S
-        return state if heading_std < KNOWN_HEADING or enough else None
+        return state if (agreed and heading_std < KNOWN_HEADING) or enough else None
+
+    def _distance(self) -> float:
+        """Distance from the beginning, m; one wild fix, the first one too, is no motion."""
+        places = np.array([fix[1][:2] for fix in self.fixes])
+        apart = np.linalg.norm(places[:LEAST_AGREEING, None] - places[None], axis=2)
+        begin = int(np.argmin(apart[:, :LEAST_AGREEING].sum(axis=1)))
+        return float(np.median(np.sort(apart[begin])[-3:]))
 
     def _forget(self) -> None:
         """Begins the window at a later fix."""
@@ -83,8 +96,8 @@ class RollingStart:
         first = int(np.searchsorted(self.times, self.fixes[0][0], side="right"))
         self.times, self.samples, self.steps = self.times[first:], self.samples[first:], self.steps[first:]
 
-    def _fit(self) -> tuple[InitialState, float]:
-        """Fitted state at the first fix, and the standard deviation of its heading by the fit."""
+    def _fit(self) -> tuple[InitialState, float, int]:
+        """Fitted state at the first fix, the standard deviation of its heading, and the number of fixes that agree."""
         problem = _Problem.of(self)
         found = least_squares(
             problem.residuals, problem.guess(), loss="soft_l1", x_scale=problem.spread, max_nfev=40, method="trf"
@@ -108,7 +121,7 @@ class RollingStart:
             accelerometer_bias=x[9:12].copy(),
             gyroscope_bias=x[12:15].copy(),
         )
-        return state, float(std[8])
+        return state, float(std[8]), problem.agreeing(x)
 
 
 @dataclass(frozen=True)
@@ -163,24 +176,43 @@ class _Problem:
         )
 
     def guess(self) -> FloatArray:
-        """Unknowns for a constant speed along the gyroscope's heading, turned to the fixes."""
+        """Unknowns for a constant speed along the gyroscope's heading, turned and shifted to most of the fixes."""
         heading = np.cumsum(self.samples[:, 5] * self.steps)
-        path = np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]) * self.steps[:, None], axis=0)
-        path = np.vstack([np.zeros(2), path])[self.rows]
-        weight = 1.0 / self.sigma**2
-        centred = [points - np.average(points, axis=0, weights=weight) for points in (path, self.fixes[:, :2])]
-        a, b = (points[:, 0] + 1j * points[:, 1] for points in centred)
+        path = np.cumsum(np.exp(1j * heading) * self.steps)
+        path = np.concatenate([[0.0], path])[self.rows]
+        fixes = self.fixes[:, 0] + 1j * self.fixes[:, 1]
+        weight = 1.0 / (self.sigma**2 * (1.0 + self._best_of_pairs(path, fixes) ** 2))
+        a, b = (points - np.average(points, weights=weight) for points in (path, fixes))
         turn = complex(np.sum(weight * np.conj(a) * b) / max(float(np.sum(weight * np.abs(a) ** 2)), 1e-9))
+        begin = complex(np.average(fixes - turn * path, weights=weight))
         out = np.zeros(15)
-        out[3], out[8] = abs(turn), math.atan2(turn.imag, turn.real)
+        out[0], out[1], out[3], out[8] = begin.real, begin.imag, abs(turn), math.atan2(turn.imag, turn.real)
         return out
+
+    def _best_of_pairs(self, path: ComplexArray, fixes: ComplexArray) -> FloatArray:
+        """(K,) distances of the fixes, in standard deviations, from the path through two of them that suits most."""
+        tried = np.unique(np.linspace(0, len(fixes) - 1, min(len(fixes), MOST_TRIED)).astype(int))
+        i, j = (tried[side] for side in np.triu_indices(len(tried), 1))
+        moved = path[j] - path[i]
+        i, j, moved = (values[np.abs(moved) > 1e-6] for values in (i, j, moved))
+        if not len(moved):
+            return np.zeros(len(fixes))
+        turn = (fixes[j] - fixes[i]) / moved
+        away = np.abs(fixes - fixes[i, None] - turn[:, None] * (path - path[i, None])) / self.sigma
+        return np.asarray(away[np.argmin(np.log1p(away**2).sum(axis=1))])
+
+    def agreeing(self, x: FloatArray) -> int:
+        """Number of fixes that lie on the path of the unknowns, in the plane."""
+        positions, _ = _path(_nominal(x), self.samples, self.steps, self.rows, self.level_rows)
+        away = np.linalg.norm((positions - self.fixes)[:, :2], axis=1) / self.sigma
+        return int(np.count_nonzero(away < AGREEING_SIGMAS))
 
     def residuals(self, x: FloatArray) -> FloatArray:
         """All in standard deviations."""
         positions, tilts = _path(_nominal(x), self.samples, self.steps, self.rows, self.level_rows)
         off = (positions - self.fixes) / (self.sigma[:, None] * np.array([1.0, 1.0, VERTICAL]))
         prior = x / self.spread
-        prior[[3, 8]] = 0.0  # the forward speed and the heading are unknown
+        prior[[0, 1, 2, 3, 8]] = 0.0  # place, forward speed and heading are unknown; the first fix is one of all
         return np.concatenate([off.ravel(), (tilts / LEVEL).ravel(), prior])
 
 
