@@ -214,9 +214,31 @@ def parking() -> list[Figure]:
     ]
 
 
+def producers() -> list[Figure]:
+    """Explorers in processes, which drive and encode."""
+    from tests.performance.producers import transitions_per_s
+
+    rates = transitions_per_s()
+    return [ratio("transitions per second of two explorers", rates[2] / rates[1], "one explorer", 1.8)]
+
+
 PARTS: dict[str, Callable[[], list[Figure]]] = {
     part.__name__: part
-    for part in (world, senses, planners, rules, state, forecasts, perception, learning, pixels, wire, worlds, parking)
+    for part in (
+        world,
+        senses,
+        planners,
+        rules,
+        state,
+        forecasts,
+        perception,
+        learning,
+        pixels,
+        wire,
+        worlds,
+        parking,
+        producers,
+    )  # fmt: skip
 }
 
 

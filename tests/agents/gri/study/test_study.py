@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, expert_config
+from dohyo.agents.gri.study import arms, study, tables
+from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, GriArm, Problem, expert_config
 from dohyo.agents.gri.study.study import JUDGED, Options, cells, evaluated_at
 from dohyo.agents.gri.study.tables import claims, curves, shares
 from dohyo.agents.studies.study import Results
@@ -44,3 +45,23 @@ def test_tables_tell_returns_shares_and_verdicts():
     verdicts = {line.split("|")[1].strip(): line for line in claims(results).splitlines()[2:]}
     assert "reproduced" in verdicts["pendulum-sac-p20 > pendulum-sac-p0"]
     assert "reproduced" in verdicts["pendulum-sac-p20 < pendulum-sac-p0"], "the dip of the warm-up"
+
+
+def test_a_run_trains_the_expert_records_it_and_gives_every_cell_a_row(tmp_path, monkeypatch):
+    sizes = ("hidden=[8]", "batch=8", "round_steps=20", "learning_starts=10", "replay.capacity=2000")
+    steps = ("steps=40", "evaluate_every=20", "checkpoint_every=40", "episodes=1")
+    point = Problem("tests.agents.learning.problems:Point-v0", steps, sizes, steps, shown=2)
+    tiny = {"point-sac-p50": GriArm("point", "sac", ("p_demo=0.5",), "GRI-SAC, half")}
+    for module in (arms, study, tables):
+        monkeypatch.setattr(module, "PROBLEMS", {"point": point})
+        monkeypatch.setattr(module, "ARMS", tiny)
+    monkeypatch.setattr(study, "JUDGED", range(JUDGED.start, JUDGED.start + 2))
+    options = Options(runs=tmp_path)
+    wanted = [cell for cell in cells(options) if cell.training_seed in (None, 0)]
+    study.prepare(options, wanted, 1)
+    for arm in ("point-sac-p50", "point-expert"):
+        job = [cell for cell in wanted if cell.arm == arm]
+        found = list(study.work(options, job))
+        assert [(row["arm"], row["seed"]) for row in found] == [(cell.arm, cell.seed) for cell in job]
+        assert all(-30.0 < row["return"] < 0.0 for row in found)
+    assert "GRI-SAC, half | 1 | 40 |" in shares(Results(list(study.work(options, wanted[:5])), {}))

@@ -1,0 +1,47 @@
+"""Transitions per second of GRIAD's explorers, each a process that drives and encodes its pictures.
+
+    OMP_NUM_THREADS=1 python -m tests.performance producers
+
+The time is that of the clock, so that a busy machine tells less than two idle cores.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+
+from dohyo.agents.gri.driving.choices import nearest
+from dohyo.agents.gri.driving.task import DrivingTask
+from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
+from dohyo.agents.learning.experience.collector import Collector
+
+BLOCKS, STEPS = 7, 60
+STRAIGHT_ON = nearest(np.array([2.0, 0.0]))
+"""The choice that accelerates and does not steer; episodes end and begin as in a training."""
+
+
+def transitions_per_s(most: int = 2) -> dict[int, float]:
+    """By number of processes, the median over blocks that alternate."""
+    task = DrivingTask("pictures")
+    torch.set_num_threads(1)
+    made = {count: task.make_environments(count, processes=True) for count in range(1, most + 1)}
+    collectors = {count: Collector(environments, task, seed=0) for count, environments in made.items()}
+    rates: dict[int, list[float]] = {count: [] for count in made}
+    try:
+        for block in range(BLOCKS + 1):
+            for count, collector in collectors.items():
+                action = torch.full((count,), STRAIGHT_ON)
+                holds = PolicyBehaviour(lambda seen, action=action: TensorDict({"action": action}, seen.batch_size))
+                began, before = time.perf_counter(), collector.steps
+                for _ in range(STEPS):
+                    collector.step(holds)
+                if block:  # the first one starts the simulations
+                    rates[count].append((collector.steps - before) / (time.perf_counter() - began))
+    finally:
+        for environments in made.values():
+            environments.close()
+    return {count: statistics.median(values) for count, values in rates.items()}
