@@ -71,17 +71,19 @@ class GriRunConfig(RunConfig):
     @property
     def task(self) -> Task:
         """What is learned."""
-        return self.judged_task(HELD_OUT_FROM, self.episodes)
+        return task_of(self.env, HELD_OUT_FROM, self.episodes)
 
-    def judged_task(self, first: int, episodes: int) -> Task:
-        """The same with other held-out episodes.
 
-        Args:
-            first: Seed of the first one.
-            episodes: Their number.
-        """
-        sight = SIGHTS.get(self.env)
-        return GymnasiumTask(self.env, episodes, first) if sight is None else DrivingTask(sight, episodes, first)
+def task_of(env: str, first: int, episodes: int) -> Task:
+    """Task of an environment.
+
+    Args:
+        env: See `GriRunConfig`.
+        first: Seed of the first held-out episode.
+        episodes: Number of held-out episodes.
+    """
+    sight = SIGHTS.get(env)
+    return GymnasiumTask(env, episodes, first) if sight is None else DrivingTask(sight, episodes, first)
 
 
 def make_learner(settings: GriRunConfig, task: Task, collector: Collector, run: TaskRun) -> Learner:

@@ -17,30 +17,25 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from tensordict import TensorDict
 
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, GriArm, expert_config
+from dohyo.agents.gri.study.judging import JUDGED, judged
 from dohyo.agents.gri.study.tables import CURVE, LAST, claims, curves, expert_of, shares
-from dohyo.agents.gri.training import GRI, GriRunConfig, record
+from dohyo.agents.gri.training import GRI, GriRunConfig, record, task_of
 from dohyo.agents.learning.experience.demonstrations import INDEX
 from dohyo.agents.learning.files.report import no_report
-from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumTask
+from dohyo.agents.learning.gymnasium.task import GYMNASIUM
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.learning.runs.config import BaseRunConfig
-from dohyo.agents.learning.runs.evaluation import evaluate
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.tasks.task import Array, Task
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Study
 from dohyo.agents.studies.tables import PAGE
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
 TRAININGS: Final = (0, 1, 2)
-JUDGED: Final = range(HELD_OUT_FROM + 1_000_000, HELD_OUT_FROM + 1_000_020)
-"""Seeds of the episodes on which the last policy of a training is judged; evaluations of trainings use lower ones."""
 
 
 class Options(Config):
@@ -61,7 +56,7 @@ def cells(options: Options) -> list[Cell]:
         for training in TRAININGS:
             found += [Cell(name, training, f"{arm.problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
             found += [Cell(name, training, f"{arm.problem}, {CURVE}", f"step-{step}", step) for step in steps]
-    for problem in (name for name, one in PROBLEMS.items() if one.expert is not None):
+    for problem in PROBLEMS:
         found += [Cell(expert_of(problem), None, f"{problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
     return found
 
@@ -101,7 +96,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     folder = options.runs / job[0].arm / f"seed-{seed}"
     config = arm.config(seed, shown_in(options.runs, arm))
     _train(GRI, "gri", config, folder)
-    ended = judged(config.judged_task(JUDGED.start, len(JUDGED)), OnnxPolicy(folder / "policy.onnx"))
+    ended = judged(task_of(config.env, JUDGED.start, len(JUDGED)), OnnxPolicy(folder / "policy.onnx"))
     with (folder / "evaluations.csv").open(newline="") as file:
         curve = {int(row["steps"]): Row({"return": float(row["return"])}) for row in csv.DictReader(file)}
     told = json.loads((folder / "result.json").read_text())
@@ -112,26 +107,15 @@ def work(options: Options, job: Job) -> Iterator[Row]:
 
 
 def _expert_rows(options: Options, job: Job) -> Iterator[Row]:
-    """Rows of the expert of a problem."""
+    """Rows of the expert of a problem; a task's own has no steps."""
     problem = job[0].benchmark.partition(",")[0]
-    task = GymnasiumTask(PROBLEMS[problem].env, len(JUDGED), JUDGED.start)
-    ended = judged(task, OnnxPolicy(options.runs / "experts" / problem / "best.onnx"))
+    own, steps, policy = PROBLEMS[problem].expert is None, 0, None
+    if not own:
+        policy = OnnxPolicy(options.runs / "experts" / problem / "best.onnx")
+        steps = expert_config(problem).steps
+    ended = judged(task_of(PROBLEMS[problem].env, JUDGED.start, len(JUDGED)), policy)
     for cell in job:
-        yield {**cell._asdict(), "steps": expert_config(problem).steps, **ended[int(cell.seed or 0)]}
-
-
-def judged(task: Task, policy: OnnxPolicy) -> dict[int, Row]:
-    """Measures of a policy on the held-out episodes of a task, by their seeds."""
-
-    def act(observation: TensorDict) -> Array:
-        return policy.of_batch({name: values.numpy() for name, values in observation.items()})
-
-    environments = task.make_environments(1, processes=task.alone)
-    try:
-        outcomes = evaluate(task, environments, act).outcomes
-    finally:
-        environments.close()
-    return {one.seed: {"return": one.total, "success": 100.0 * one.success, **one.measures} for one in outcomes}
+        yield {**cell._asdict(), "steps": steps, **ended[int(cell.seed or 0)]}
 
 
 def _stored_share(folder: Path) -> float:

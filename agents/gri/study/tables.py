@@ -74,7 +74,7 @@ def _completed(rows: Sequence[Row], arm: str) -> str:
 def _trained(rows: Sequence[Row]) -> list[str]:
     """Trainings, steps and mean share of demonstrations in the replay."""
     trainings = {row["training_seed"]: row for row in rows}
-    steps = f"{rows[0]['steps']:,}"
+    steps = f"{rows[0]['steps']:,}" if rows[0]["steps"] else MISSING
     if None in trainings:
         return [MISSING, steps, MISSING]
     stored = [100.0 * row["replay_demonstrated"] for row in trainings.values()]

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from dohyo.agents.gri.study import arms, study, tables
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, GriArm, Problem, expert_config
-from dohyo.agents.gri.study.study import JUDGED, Options, cells, evaluated_at
+from dohyo.agents.gri.study.judging import JUDGED
+from dohyo.agents.gri.study.study import Options, cells, evaluated_at
 from dohyo.agents.gri.study.tables import claims, curves, shares
 from dohyo.agents.studies.study import Results
 
