@@ -34,7 +34,7 @@ class GriConfig(Config):
         unit: What p_demo is a share of. "episodes" is algorithm 1. "steps" is GRIAD, whose demonstrators send as many
             steps as its explorers: a demonstration goes in whenever their share of all steps is below p_demo.
         demo_reward: r_demo, the reward of every demonstrated step; None: the highest that the expert reached.
-        demo_noise: Share of demonstrations that are bad, see `experts`.
+        demo_noise: Share of bad ones among demonstrations that are recorded, see `experts`.
         explorer_reward: Reward of every explored step; None: the environment's. With 0 it is SQIL (Reddy et al. 2020).
         shortest: Least mean length of the explorers' episodes that the replay has room for with "episodes", steps.
     """
