@@ -43,9 +43,8 @@ SCENE = msgspec.json.encode({"tick": 0, "egos": [], "actors": ACTORS})
 
 def null_world(file: int, _: int) -> None:
     """A world that computes nothing; in its process."""
-    from dohyo.service.worlds.shown import SHOWN
-
     from dohyo.service.running.channel import Channel, Kind
+    from dohyo.service.simulating.shown import SHOWN
 
     channel = Channel(socket.socket(fileno=file))
     tick, revision, egos, watched, next_s = 0, 0, [], False, 0.0
