@@ -20,7 +20,8 @@ MESSAGES = (
 )
 LEFT, APART, TOP, STEP = 110, 250, 40, 46
 WIDTH, HEIGHT = 2 * LEFT + APART * (len(PARTS) - 1) + 120, TOP + STEP * (len(MESSAGES) + 1)
-STYLE = """text{font:14px ui-sans-serif,system-ui,sans-serif;fill:#1F2328;stroke:#FAF8F4;stroke-width:6;paint-order:stroke}.page{fill:#FAF8F4}
+STYLE = """text{font:14px ui-sans-serif,system-ui,sans-serif;fill:#1F2328}.page{fill:#FAF8F4}
+text{stroke:#FAF8F4;stroke-width:4;paint-order:stroke}
 .part{font-weight:700}.line{stroke:#B4AC9D;stroke-width:1.5}.arrow{stroke:#5B4B8A;stroke-width:2;fill:none}
 .head{fill:#5B4B8A}@media(prefers-color-scheme:dark){text{fill:#E8E6E1;stroke:#14161A}.page{fill:#14161A}.line{stroke:#464C55}
 .arrow{stroke:#A594E0}.head{fill:#A594E0}}"""
