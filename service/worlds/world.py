@@ -165,7 +165,6 @@ class LiveWorld:
         Raises:
             InvalidInputError: There is no such ego.
             ConflictError: An ego has ended its drive, or another worker drives it or has the name.
-            ForbiddenError: A guest was not invited to that.
             GoneError: The world, or the drives of its egos, ended meanwhile.
             BusyError: The simulation takes too long.
         """
@@ -278,6 +277,8 @@ class LiveWorld:
             raise StaleTickError(seat.tick, step.tick)
         if seat.decision is None:
             self._decide(seat, step, fmt)
+        if self.clock.realtime:  # also where the repetition of its last decision is being driven
+            seat.due = time.monotonic() + self.deadline_s
         answer: asyncio.Future[WorldReply] = asyncio.get_running_loop().create_future()
         seat.waiting.append(answer)
         self._advance()
@@ -294,8 +295,6 @@ class LiveWorld:
         deciding = tuple(ego for ego in seat.egos if ego in self.driving)
         poses = {ego: Pose(*pose) for ego, pose in self._shown.poses.items()}
         seat.decide(decode(bytes(step.actions), fmt), deciding, poses)
-        if self.clock.realtime:
-            seat.due = time.monotonic() + self.deadline_s
 
     def _advance(self) -> None:
         """Begins the next tick if nothing holds it."""
