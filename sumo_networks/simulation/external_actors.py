@@ -9,9 +9,10 @@ import numpy as np
 from dohyo.sumo_networks.actors.external import ExternalActor
 from dohyo.sumo_networks.actors.names import external_actor
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.geometry import wrap, wrap_angle
+from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.simulation.registry import ActorRegistry
+from dohyo.sumo_networks.simulation.scripted_actors import lane_under
 from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import Actors, Egos
 
@@ -35,7 +36,7 @@ def with_external(
         speed=columns[:, 3],
         length=columns[:, 4],
         width=columns[:, 5],
-        lane=np.array([_lane_under(one, network, anywhere) for one in seen], dtype=np.int64),
+        lane=np.array([lane_under(one, network, anywhere) for one in seen], dtype=np.int64),
         indicator=np.zeros(len(seen), dtype=np.int64),
     )
     table = Actors.concat([actors, rows])
@@ -46,11 +47,6 @@ def _near(place: FloatArray, viewpoints: FloatArray) -> BoolArray:
     """(N,) whether a place is within sight of a viewpoint."""
     apart = place[:, None] - viewpoints[None]
     return np.asarray((np.hypot(apart[..., 0], apart[..., 1]) <= SIGHT_M).any(axis=1))
-
-
-def _lane_under(actor: ExternalActor, network: RoadNetwork, anywhere: BoolArray) -> int:
-    lane, offset, _ = network.nearest_lane(actor.x, actor.y, wrap(actor.heading), anywhere)
-    return lane if lane >= 0 and abs(offset) <= 0.5 * network.lanes.width.item(lane) else -1
 
 
 def _key(actor: ExternalActor, registry: ActorRegistry) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dohyo.sumo_networks.actors.external import ExternalActor
 from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
 from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -39,7 +40,7 @@ def with_scripted(
     return table.take(np.argsort(table.key, kind="stable"))
 
 
-def lane_under(actor: ScriptedActor, network: RoadNetwork, anywhere: BoolArray) -> int:
+def lane_under(actor: ScriptedActor | ExternalActor, network: RoadNetwork, anywhere: BoolArray) -> int:
     """Lane under an actor, -1 if none.
 
     Args:
