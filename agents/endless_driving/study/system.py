@@ -71,20 +71,21 @@ class System:
         return cells_of((Block((*self.arms,), SEEDS, own), Block((*self.arms,), SEEDS, UNSEEN.places())))
 
     def work(self, options: Options, job: Job) -> Iterator[Row]:
-        """Trains the arm of a job, unless that is done; then its last evaluation, or a drive.
+        """Trains the arm of a job, unless that is done; then its last evaluation, or its drives.
 
         Raises:
             RunStoppedError: The training was stopped.
             SimulationError: There is no policy yet and none may be trained, or a simulation failed.
         """
-        (cell,) = job
-        folder = options.runs / cell.arm / f"seed-{cell.training_seed}"
+        folder = options.runs / job[0].arm / f"seed-{job[0].training_seed}"
         if options.train:
-            self._train(cell, folder)
+            self._train(job[0], folder)
         if not (folder / "best.onnx").exists():
             raise SimulationError(f"no policy in '{folder}' so far")
         facts = training_facts(folder)
-        yield {**cell._asdict(), **facts, **(last(folder) if cell.benchmark == TRAINING else self._drive(cell, folder))}
+        for cell in job:
+            found = last(folder) if cell.benchmark == TRAINING else self._drive(cell, folder)
+            yield {**cell._asdict(), **facts, **found}
 
     def _train(self, cell: Cell, folder: Path) -> None:
         result = folder / "result.json"
@@ -115,8 +116,14 @@ class System:
             cells=self.cells,
             work=work,
             tables=tables_of(self.arms, claims),
+            together=_together,
             fresh=True,
         )
+
+
+def _together(cell: Cell) -> tuple[str, int | None, str]:
+    """Drives of one training in one amount of traffic are one job."""
+    return cell.arm, cell.training_seed, cell.scenario.rpartition(".")[0]
 
 
 def training_facts(folder: Path) -> Row:

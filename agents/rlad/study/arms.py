@@ -15,6 +15,10 @@ _ROOM: Final = Path(__file__).parents[1] / "configs"
 PICTURES, TWIN = _ROOM / "rlad.toml", _ROOM / "twin.toml"
 _SHORT: Final = ("steps=6000", "evaluate_every=2000", "checkpoint_every=1000", "sac.round_steps=500")
 """First stages: does it learn anything at all?"""
+_ONE_ROUTE: Final = (
+    "town.roads=one-route", "steps=1500", "evaluate_every=750", "checkpoint_every=500", "sac.round_steps=250",
+    "sac.learning_starts=300", "sac.batch=32",
+)  # fmt: skip
 _PLAIN: Final = ("latent.waypoints=plain", "latent.local_mixing=false")
 
 
@@ -39,7 +43,7 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "drq-v2": _rival("drq-v2", Reported(10.0, 8.0, 0.0)),
         "small-encoder": _part("0.06 M encoder", "latent.layers=[[8, 4], [16, 2], [8, 1]]", Reported()),
         "large-encoder": _part("1.4 M encoder", "latent.layers=[[48, 4], [96, 2], [192, 1]]", Reported()),
-        "one-route": DrivingArm("one route, again and again", PICTURES, ("town.roads=one-route", *_SHORT)),
+        "one-route": DrivingArm("one route, again and again", PICTURES, _ONE_ROUTE),
         "empty-town": DrivingArm("no traffic", PICTURES, ("town.roads=empty", *_SHORT)),
         "twin": DrivingArm("exact state", TWIN),
         "twin-no-waypoint-convolution": DrivingArm("exact state, plain layers", TWIN, ("latent.waypoints=plain",)),
