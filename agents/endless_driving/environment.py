@@ -129,8 +129,9 @@ class EndlessDrivingEnv(gymnasium.Env[Any, Array]):
     def _judge(self, before: World, after: World) -> tuple[float, bool]:
         """Reward of one tick, and whether it ends the episode; a stand costs what any ending costs."""
         reward, ended = self._reward(before, after, 0)
-        free = self._reward.desired_speed(after, 0) > 0.0
-        blocked = self._tally.add(before, after, free, ended)
+        stands = float(after.egos.speed[0]) < STANDING_M_S
+        idle = stands and self._reward.desired_speed(after, 0) > 0.0
+        blocked = self._tally.add(before, after, idle, ended)
         return reward - float(blocked), ended or blocked
 
 
@@ -142,20 +143,19 @@ class _Tally:
         self._ends = {"collision": False, "left_route": False, "blocked": False}
         self._red_lights = 0
 
-    def add(self, before: World, after: World, free: bool, ended: bool) -> bool:
+    def add(self, before: World, after: World, idle: bool, ended: bool) -> bool:
         """Counts a tick; whether the ego is blocked.
 
         Args:
             before: The world before it.
             after: The world after it.
-            free: Whether the ego should drive.
+            idle: Whether the ego stands on a free road.
             ended: Whether the reward ended the episode.
         """
         egos = after.egos
-        speed = float(egos.speed[0])
-        self._ticks, self._speed = self._ticks + 1, self._speed + speed
+        self._ticks, self._speed = self._ticks + 1, self._speed + float(egos.speed[0])
         self._lateral += abs(float(egos.lateral[0]))
-        self._stood_s = self._stood_s + TICK_S if free and speed < STANDING_M_S else 0.0
+        self._stood_s = self._stood_s + TICK_S if idle else 0.0
         ran = passed_red(before, after, 0)
         self._red_lights += ran
         blocked = not ended and self._stood_s > BLOCKED_S

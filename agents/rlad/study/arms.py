@@ -16,7 +16,7 @@ PICTURES, TWIN = _ROOM / "rlad.toml", _ROOM / "twin.toml"
 _SHORT: Final = ("steps=6000", "evaluate_every=2000", "checkpoint_every=1000", "sac.round_steps=500")
 """First stages: does it learn anything at all?"""
 _ONE_ROUTE: Final = (
-    "town.roads=one-route", "steps=1500", "evaluate_every=750", "checkpoint_every=500", "sac.round_steps=250",
+    "town.roads=one-route", "steps=2700", "evaluate_every=750", "checkpoint_every=500", "sac.round_steps=250",
     "sac.learning_starts=300", "sac.batch=32",
 )  # fmt: skip
 _PLAIN: Final = ("latent.waypoints=plain", "latent.local_mixing=false")

@@ -59,7 +59,6 @@ CLAIMS: Final = (
     Claim("full", ">", "noisy", "success", "regular"),
     *(Claim(f"twin-{left}", ">", f"twin-{right}", "return", TRAINING) for left, right in pairwise(_ORDER)),
     Claim("twin-full", ">", "twin-far-sighted", "return", TRAINING),
-    Claim("empty-full", ">", "empty-no-expert", "success", TRAINING),
-    Claim("empty-full", ">", "empty-far-sighted", "success", TRAINING),
+    *(Claim("empty-full", ">", f"empty-{name}", "success", "empty") for name in ("no-expert", "far-sighted")),
 )
 """Directions of the thesis's results."""

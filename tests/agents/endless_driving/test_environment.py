@@ -83,9 +83,9 @@ def test_who_stands_on_a_free_road_is_blocked_after_20_s(opened: list[EndlessDri
     assert reward < -0.5
 
 
-@pytest.mark.parametrize(("lawful", "ran"), [(True, 1.0), (False, 1.0)])
+@pytest.mark.parametrize("lawful", [True, False])
 def test_only_where_lights_count_a_red_one_that_is_run_ends_the_episode(
-    opened: list[EndlessDrivingEnv], lawful: bool, ran: float
+    opened: list[EndlessDrivingEnv], lawful: bool
 ) -> None:
     env = environment(opened, ExpertConfig(), obey_lights=False)
     env.reset(seed=HELD_OUT_FROM)
@@ -96,7 +96,7 @@ def test_only_where_lights_count_a_red_one_that_is_run_ends_the_episode(
         assert action is not None
         *_, terminated, truncated, info = env.step(action)
         ended = terminated or truncated
-    assert info["red_lights"] >= ran
+    assert info["red_lights"] >= 1.0
     assert terminated == lawful
     assert bool(info["success"]) == (not lawful)
 
