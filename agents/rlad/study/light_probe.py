@@ -78,7 +78,7 @@ def fit(network: nn.Module, pictures: Tensor, classes: Tensor) -> None:
     for _ in range(UPDATES):
         rows = torch.multinomial(weights[classes], BATCH, replacement=True)
         optimizer.zero_grad()
-        nn.functional.cross_entropy(network(pictures[rows]), classes[rows]).backward()
+        nn.functional.cross_entropy(network(pictures[rows]), classes[rows]).backward()  # type: ignore[no-untyped-call]
         optimizer.step()
 
 
