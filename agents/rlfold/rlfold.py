@@ -8,7 +8,7 @@ Source: Coelho 2024, algorithm 1. All losses are minimised in one step here, one
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Final, Literal
 
 import torch
@@ -18,7 +18,9 @@ from torch import Tensor
 
 from dohyo.agents.learning.algorithms.sac import Auxiliary, Sac, SacConfig
 from dohyo.agents.learning.experience.behaviour import Act, Behaviour, PolicyBehaviour, UncertaintyGate
+from dohyo.agents.learning.experience.collector import Finished
 from dohyo.agents.learning.experience.replay import ReplayConfig
+from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.networks.distributions import squashed_gaussian
 from dohyo.agents.learning.runs.config import Positive, Share
 from dohyo.agents.rlfold.two_deviations import TwoDeviationsHead, truncated_log_density
@@ -118,6 +120,17 @@ class Rlfold(Sac):
         mean, log_std = self.actor(self.encoder(observation))
         action, _ = squashed_gaussian(mean, log_std)
         return {"action": self._unit.inverse(action), DEVIATION: log_std[:, SPEED].exp()}
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """See `OffPolicy`."""
+        return (*super().columns, "demonstrated_steps")
+
+    def shares(self, episodes: Sequence[Finished]) -> dict[str, Number]:
+        """Also the share of the steps whose speed was the expert's."""
+        steps = sum(episode.length for episode in episodes)
+        taken = sum(episode.demonstrated * episode.length for episode in episodes)
+        return {**super().shares(episodes), "demonstrated_steps": taken / max(steps, 1)}
 
     def _make_behaviour(self, policy: Act) -> Behaviour:
         config = self._config

@@ -156,7 +156,7 @@ class OffPolicy(ABC, Generic[C]):
     def columns(self) -> tuple[str, ...]:
         """See the class."""
         told = ("updates", "episodes", "return", "length", "success")
-        return (*told, "demonstrated", "demonstrated_steps", "replay_demonstrated", *self.losses)
+        return (*told, "demonstrated", "replay_demonstrated", *self.losses)
 
     @abstractmethod
     def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
@@ -189,10 +189,13 @@ class OffPolicy(ABC, Generic[C]):
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
         finished = self._collector.finished()
         own = [episode for episode in finished if not episode.demonstrated]
-        if finished:
-            row |= {"demonstrated": 1.0 - len(own) / len(finished), "demonstrated_steps": _demonstrated(finished)}
+        row |= self.shares(finished) if finished else {}
         row["replay_demonstrated"] = self.replay.share(DEMONSTRATOR)
         return row | outcome(own) | means
+
+    def shares(self, episodes: Sequence[Finished]) -> dict[str, Number]:
+        """Share of some episodes that the policy did not drive alone."""
+        return {"demonstrated": sum(episode.demonstrated > 0.0 for episode in episodes) / len(episodes)}
 
     def _update(self, sums: dict[str, Tensor]) -> None:
         """Takes the gradient steps that are due, and adds their losses to the sums."""
@@ -245,12 +248,6 @@ class OffPolicy(ABC, Generic[C]):
         discount = self._config.gamma**steps if self._config.replay.steps > 1 else self._config.gamma
         discounts: Tensor = (follows * discount).squeeze(-1)
         return discounts
-
-
-def _demonstrated(episodes: Sequence[Finished]) -> float:
-    """Share of the steps of some episodes that the policy did not choose."""
-    steps = sum(episode.length for episode in episodes)
-    return sum(episode.demonstrated * episode.length for episode in episodes) / max(steps, 1)
 
 
 def weighted(errors: Tensor, batch: TensorDictBase) -> Tensor:

@@ -168,5 +168,5 @@ class Sac(OffPolicy[SacConfig]):
     def parts(self) -> Mapping[str, Any]:
         """See `OffPolicy`."""
         modules = {"encoder": self.encoder, "actor": self.actor, "critics": self.critics, "target": self.target}
-        alpha = nn.ParameterList([self.log_alpha])
-        return modules | {"alpha": alpha, "auxiliary": self.auxiliary, "optimizer": self._optimizer}
+        auxiliary = {"auxiliary": self.auxiliary} if len(self.auxiliary) else {}
+        return modules | auxiliary | {"alpha": nn.ParameterList([self.log_alpha]), "optimizer": self._optimizer}
