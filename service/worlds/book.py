@@ -256,12 +256,12 @@ class WorldBook:
 
     def token_ids(self) -> set[str]:
         """API tokens with which workers joined."""
-        return {seat.token_id for world in self._live.values() for seat in world.seats.values()}
+        return {seat.token_id for world in self._live.values() for seat in world.seats}
 
     def dismiss(self, token_id: str) -> None:
         """Takes the seats of the workers of an API token that is no longer valid."""
         for world in self._live.values():
-            for seat in [one for one in world.seats.values() if one.token_id == token_id]:
+            for seat in [one for one in world.seats if one.token_id == token_id]:
                 world.leave(seat, "the token of the worker is no longer valid")
 
 

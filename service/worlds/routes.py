@@ -89,7 +89,9 @@ async def step_world(identifier: Identifier, order: StepRequest, caller: Submitt
 
 
 @router.post("/worlds/{identifier}/pace", responses=problems(403, 404, 409, 413))
-async def pace_world(identifier: Identifier, order: PaceRequest, caller: Submitter, services: ServicesOf) -> WorldView:
+async def change_world_pace(
+    identifier: Identifier, order: PaceRequest, caller: Submitter, services: ServicesOf
+) -> WorldView:
     """Changes the pace of a world while it runs: lockstep, or the wall clock at any speed."""
     (await live_world(services, caller, identifier)).change_pace(order.pace, order.speed)
     return await _view(services, caller, identifier)

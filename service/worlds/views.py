@@ -32,6 +32,7 @@ class WorldInvitationView(View):
     """An invitation to a world; its code cannot be read again.
 
     Attributes:
+        world: Identifier of the world.
         code: Sent by the guest's worker when it joins.
     """
 
@@ -87,7 +88,7 @@ class WorldView(View):
 def view_world(row: World, live: LiveWorld | None) -> WorldView:
     """A world, with what only a live one knows."""
     order, scenario = row.order, row.order["scenario"]
-    drivers = {ego: seat.spec.name for seat in live.seats.values() for ego in seat.egos} if live else {}
+    drivers = live.seats.drivers if live else {}
     driving = live.driving if live else ()
     names = [mission["name"] for mission in scenario["missions"]]
     tick = live.tick if live else row.tick

@@ -30,6 +30,7 @@ from dohyo.service.worlds.clock import Clock, Pace
 from dohyo.service.worlds.guests import Guests
 from dohyo.service.worlds.model import WorldStatus
 from dohyo.service.worlds.seat import Seat
+from dohyo.service.worlds.seats import Seats
 from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -54,7 +55,7 @@ class LiveWorld:
         resets: How often it has begun anew.
         actors: Actors that other simulators have put into it.
         guests: Other owners who may join it.
-        seats: Seats by their identifiers.
+        seats: Places of its workers.
         begun: Whether its first tick was shown.
         heard: Monotonic time of the last request.
         ending: Why it was ended; "" while it goes on.
@@ -70,7 +71,7 @@ class LiveWorld:
         self.seed, self.resets = order.scenario.seed, 0
         self.status, self.tick, self.time_s = WorldStatus.WAITING, 0, 0.0
         self.driving: tuple[str, ...] = tuple(mission.name for mission in order.scenario.missions)
-        self.seats: dict[str, Seat] = {}
+        self.seats = Seats(self.driving)
         self.begun, self.heard, self.ending = False, time.monotonic(), ""
         self.audience = Audience(lambda watched: process.send(Kind.WATCH, bytes([watched])), MOST_SPECTATORS)
         self._told = b""
@@ -122,7 +123,7 @@ class LiveWorld:
         self.resets, self._revision, self._restarted = self.resets + 1, self._revision + 1, True
         self._is_shown.clear()
         self.actors.clear()
-        for seat in self.seats.values():
+        for seat in self.seats:
             seat.restart()
         if self.status is WorldStatus.OVER:
             self.status = WorldStatus.RUNNING
@@ -154,8 +155,7 @@ class LiveWorld:
     def _renew(self) -> None:
         """Decisions are due from now on: while a world stands still, nobody is late."""
         self.clock.restart()
-        for seat in self.seats.values():
-            seat.due = time.monotonic() + self.deadline_s
+        self.seats.renew(time.monotonic() + self.deadline_s)
 
     # Seats
 
@@ -168,43 +168,26 @@ class LiveWorld:
             GoneError: The world, or the drives of its egos, ended meanwhile.
             BusyError: The simulation takes too long.
         """
-        before = next((one for one in self.seats.values() if one.spec.name == seat.spec.name), None)
-        self._check_free(seat, before)
+        before = self.seats.named(seat.spec.name)
+        self.seats.check_free(seat, before, self.driving)
         seat.begin(self.tick, time.monotonic() + SHOW_S)
         if before is not None and before.is_like(seat):
             seat.take_over(before)
-            self._remove(before, "its worker joined again")
+            self.seats.remove(before, "its worker joined again")
         else:
             free: dict[str, AgentSpec | None] = {}
             if before is not None:
                 free = dict.fromkeys(before.egos)
-                self._remove(before, "its worker joined again, otherwise")
+                self.seats.remove(before, "its worker joined again, otherwise")
                 self.actors.forget(seat.spec.name)
-            self.seats[seat.id] = seat
+            self.seats.add(seat)
             self._change(free | dict.fromkeys(seat.egos, seat.spec))
-        self.seats[seat.id] = seat
+        self.seats.add(seat)
         await self.shown()
         seat.refuse_ended()
         seat.begin(self.tick, time.monotonic() + self.deadline_s)
-        if self.status is WorldStatus.WAITING and not self._undriven():
+        if self.status is WorldStatus.WAITING and self.seats.drivers.keys() >= set(self.driving):
             self.resume()
-
-    def _check_free(self, seat: Seat, before: Seat | None) -> None:
-        if before is not None and before.owner != seat.owner:
-            raise ConflictError(f"another owner's worker has the name '{seat.spec.name}' in this world")
-        names = [mission.name for mission in self.order.scenario.missions]
-        held = {ego: one for one in self.seats.values() if one is not before for ego in one.egos}
-        for ego in seat.egos:
-            if ego not in names:
-                raise InvalidInputError(f"egos: expected some of {names[:50]}, got '{ego[:100]}'")
-            if ego in held:
-                raise ConflictError(f"ego '{ego}' has a driver: '{held[ego].spec.name}'")
-            if ego not in self.driving and (before is None or ego not in before.egos):
-                raise ConflictError(f"ego '{ego}' has ended its drive")
-
-    def _undriven(self) -> list[str]:
-        driven = {ego for seat in self.seats.values() for ego in seat.egos}
-        return [ego for ego in self.driving if ego not in driven]
 
     def leave(self, seat: Seat, why: str) -> None:
         """Takes the place of a worker away; its egos have no driver from now on.
@@ -213,19 +196,14 @@ class LiveWorld:
             GoneError: It has none any more.
         """
         seat.refuse_ended()
-        self._remove(seat, why)
+        self.seats.remove(seat, why)
         self.actors.forget(seat.spec.name)
         self._change(dict.fromkeys(seat.egos))
-
-    def _remove(self, seat: Seat, why: str) -> None:
-        self.seats.pop(seat.id, None)
-        seat.end(why)
 
     def _change(self, specs: dict[str, AgentSpec | None]) -> None:
         self._revision += 1
         self._is_shown.clear()
-        coupled = any(seat.coupled for seat in self.seats.values())
-        drivers = Drivers(revision=self._revision, specs=specs, coupled=coupled)
+        drivers = Drivers(revision=self._revision, specs=specs, coupled=self.seats.coupled)
         self._process.send(Kind.DRIVERS, drivers.model_dump_json().encode())
 
     async def shown(self) -> None:
@@ -303,13 +281,12 @@ class LiveWorld:
         self._is_shown.clear()
         self._allowed = max(0, self._allowed - 1)
         self.clock.begin(time.monotonic())
-        decided = {ego: action for seat in self.seats.values() for ego, action in (seat.decision or {}).items()}
-        actions = {ego: action for ego, action in decided.items() if ego in self.driving}
-        self._process.send(Kind.ACTIONS, msgspec.msgpack.encode(Decided(actions, self.actors.changed())))
+        decided = Decided(self.seats.decisions(self.driving), self.actors.changed())
+        self._process.send(Kind.ACTIONS, msgspec.msgpack.encode(decided))
 
     def _may_begin(self) -> bool:
         """Whether the decisions are there, or in real time the tick's time has come."""
-        silent = [seat for seat in self.seats.values() if seat.decision is None]
+        silent = self.seats.silent
         if not self.clock.realtime:
             # A world without drivers stands still, and ends after its idle time.
             return not silent and bool(self.seats or self._allowed)
@@ -346,7 +323,7 @@ class LiveWorld:
         if not self.driving:
             self.status = WorldStatus.OVER
         self._is_shown.set()
-        for seat in list(self.seats.values()):
+        for seat in self.seats:
             self._show(seat, ticked)
         self._advance()
 
@@ -357,7 +334,7 @@ class LiveWorld:
                 seat.due = time.monotonic() + self.deadline_s
             seat.show(reply)
         if reply.done and not self.order.stays:
-            self._remove(seat, "all of its egos have ended their drives")
+            self.seats.remove(seat, "all of its egos have ended their drives")
 
     def sweep(self) -> None:
         """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""
@@ -366,7 +343,7 @@ class LiveWorld:
         if not self._is_shown.is_set() or not self._goes_on or not self.driving:
             return
         now = time.monotonic()
-        for seat in [one for one in self.seats.values() if one.decision is None and now > one.due]:
+        for seat in [one for one in self.seats.silent if now > one.due]:
             if self.late == "repeat" and seat.last is not None and not self.clock.realtime:
                 seat.repeat()
             else:
@@ -375,7 +352,7 @@ class LiveWorld:
 
     def _tell_state(self) -> None:
         """Tells spectators the status and the drivers, where they have changed."""
-        drivers = {ego: seat.spec.name for seat in self.seats.values() for ego in seat.egos}
+        drivers = self.seats.drivers
         egos = [
             {"name": mission.name, "driver": drivers.get(mission.name), "driving": mission.name in self.driving}
             for mission in self.order.scenario.missions
@@ -387,7 +364,7 @@ class LiveWorld:
 
     def over(self, why: str) -> None:
         """The process has ended: answers all who wait."""
-        for seat in list(self.seats.values()):
+        for seat in self.seats:
             seat.reply = WorldReply(
                 *(self.tick, self.time_s, NOTHING),
                 done=True,
@@ -398,6 +375,6 @@ class LiveWorld:
             )
             seat.answered = seat.tick
             seat.answer(seat.reply)
-            self._remove(seat, why)
+            self.seats.remove(seat, why)
         self.audience.end(msgspec.json.encode({"status": self.status.value, "reason": why}))
         self._is_shown.set()

@@ -8,7 +8,7 @@ import logging
 import os
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.process import ENVIRONMENT
 from dohyo.service.confinement.runner import run, run_async
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from tests.service.served import wait_until
 
 LIMITS = Limits(wall_s=120.0, cpu_s=60, memory_mb=1500, file_mb=20, folder_mb=60)
@@ -131,7 +132,7 @@ def test_no_more_programs_than_allowed(tmp_path: Path, groups: list[int]) -> Non
     town = tmp_path / "town.osm"
     nodes = "".join(f'<node id="{i}" lat="52.{i:06d}" lon="13.4"/>' for i in range(60_000))
     town.write_text(f'<osm version="0.6">{nodes}</osm>')
-    arguments = {"file": str(town), "name": "town", "lights": False, "limit_mb": 100.0, "licence": None}
+    arguments = {"file": str(town), "name": "town", "options": asdict(ImportOptions(limit_mb=100.0))}
     with pytest.raises(InvalidInputError, match="it started 2 processes, at most 1 are allowed"):
         run("import_roads", arguments, replace(LIMITS, processes=1), reads=[town])
 

@@ -99,6 +99,7 @@ def test_workers_that_leave_twice_lose_the_episode_and_cannot_erase_it(service: 
     first = leaving.acquire()
     leaving.drive(first, steps=3)
     assert leaving.post(f"/v1/leases/{first['lease']}/release", {"reason": "a bad draw"})[0] == 204
+    wait_until(lambda: "given_back" in [one.outcome for one in service.attempts(evaluation)], "it is not given back")
     owner = {"Authorization": f"Bearer {service.submitter_token}"}
     for wish in ("cancel", "resume"):
         httpx.post(f"{service.url}/v1/evaluations/{evaluation}/{wish}", headers=owner, timeout=120).raise_for_status()

@@ -107,7 +107,7 @@ def test_noise_explores_and_does_not_judge(tmp_path: Path) -> None:
     loud = SMALL.model_copy(update={"noise": 20.0, "first_exploration": 0.0, "last_exploration": 0.0})
     iqn = learner(Iqn, loud, Dial(), tmp_path)
     seen = TensorDict({"observation": torch.eye(3)}, [3])
-    assert len({tuple(iqn.explore(seen).tolist()) for _ in range(20)}) > 1
+    assert len({tuple(iqn.explore(seen)["action"].tolist()) for _ in range(20)}) > 1
     assert len({tuple(iqn.act(seen).tolist()) for _ in range(20)}) == 1
 
 
