@@ -28,7 +28,7 @@ class Seats:
         return len(self._seats)
 
     def __iter__(self) -> Iterator[Seat]:
-        """The seats of now; they may be removed meanwhile."""
+        """The present seats; one may be removed during the loop."""
         return iter(list(self._seats.values()))
 
     def add(self, seat: Seat) -> None:
