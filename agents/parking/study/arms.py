@@ -64,5 +64,9 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
         "three": ParkingArm("three karts, graded", (THREE,), _THREE, 81.0),
         "three-curriculum": ParkingArm("three karts, graded, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
+        "three-long": ParkingArm("three karts, 8 million steps", (THREE,), (*_THREE, "steps=8000000"), 81.0),
+        "three-curriculum-long": ParkingArm(
+            "three karts, curriculum, 8 million steps", (THREE,), (*_THREE, "gradual=true", "steps=8000000"), 90.0
+        ),
     }
 )
