@@ -20,6 +20,9 @@ _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=800000", "ppo.gamma=0.
 _GRADED: Final = (*WHOLE, "reward=graded")
 _THREE: Final = (*_GRADED, "karts=3", "environments=258", "lots=86")
 
+_LONG: Final = ("steps=6000000", "ppo.learning_rate_decay=0.995")
+"""Three times the steps, over which the learning rate falls as far."""
+
 
 @dataclass(frozen=True, slots=True)
 class ParkingArm:
@@ -64,9 +67,9 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "without-alignment": ParkingArm("DPPO-IL, no angles", (ONE,), (*WHOLE, "reward=without-alignment")),
         "three": ParkingArm("three karts, graded", (THREE,), _THREE, 81.0),
         "three-curriculum": ParkingArm("three karts, graded, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
-        "three-long": ParkingArm("three karts, 8 million steps", (THREE,), (*_THREE, "steps=8000000"), 81.0),
+        "three-long": ParkingArm("three karts, 6 million steps", (THREE,), (*_THREE, *_LONG), 81.0),
         "three-curriculum-long": ParkingArm(
-            "three karts, curriculum, 8 million steps", (THREE,), (*_THREE, "gradual=true", "steps=8000000"), 90.0
+            "three karts, curriculum, 6 million steps", (THREE,), (*_THREE, *_LONG, "gradual=true"), 90.0
         ),
     }
 )
