@@ -42,7 +42,7 @@ class RlfoldRunConfig(RunConfig):
 
     town: TownConfig = TOWN
     expert: ExpertConfig = ExpertConfig()
-    latent: LatentConfig = LatentConfig(waypoints="plain")
+    latent: LatentConfig = LatentConfig()
     augmentation: bool = True
     rlfold: RlfoldConfig = RlfoldConfig()
 

@@ -16,7 +16,10 @@ from tensordict import TensorDict
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, POLICY
+from dohyo.agents.perception.encoders.rlad import RladEncoder
+from dohyo.agents.perception.encoders.waypoints import WayConv1D
 from dohyo.agents.rlfold.rlfold import DEVIATION, Rlfold, RlfoldConfig
+from dohyo.agents.rlfold.training import RlfoldRunConfig
 from dohyo.agents.rlfold.two_deviations import truncated_log_density
 from tests.agents.learning.learners import learner, transitions
 from tests.forked import dohyo
@@ -68,6 +71,16 @@ def test_the_imitation_moves_actor_and_encoder_towards_the_experts_speed_alone(t
         for parameter in (*rlfold.encoder.parameters(), *rlfold.actor.parameters()):
             parameter -= 0.03 * parameter.grad
     assert distances()[0] < before[0]
+
+
+def test_a_training_reads_waypoints_by_a_convolution_and_two_pictures_by_a_lix() -> None:
+    """Coelho 2024, section 4.3.2."""
+    settings = RlfoldRunConfig()
+    latent = Latent(settings.task.observation_space, settings.latent)
+    assert any(isinstance(layer, WayConv1D) for layer in latent.ahead.modules())
+    assert isinstance(latent.seen, RladEncoder)
+    assert latent.seen.shape[0] == 2 * 3
+    assert latent.seen.mixing is not None
 
 
 def test_only_transitions_with_a_label_are_imitated(tmp_path: Path) -> None:
