@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.vector import VectorWrapper
 
+from dohyo.agents.learning.files.card import CARDS, read_cards
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.learning.tasks.environments import Reset, Step
 from dohyo.agents.learning.tasks.task import Array, Environments, Task, named
@@ -77,11 +78,26 @@ class ShownTask(Task):
         """
         policy = None
         if self.policy is not None:
-            policy = OnnxPolicy(self.policy)
-            policy.check(named(self.observation_space))
+            policy = expert_policy(self.policy, self.task)
         elif not self.task.has_expert:
             raise InvalidInputError(f"task '{self.name}' has no expert: expected a policy that shows it")
         return _Shown(self.task.make_environments(count, processes), policy, self.noise)
+
+
+def expert_policy(path: Path, task: Task) -> OnnxPolicy:
+    """A trained policy as the expert of a task.
+
+    Raises:
+        InvalidInputError: The file is missing, or a policy of another task, as its spaces or the card beside it say.
+    """
+    policy = OnnxPolicy(path)
+    policy.check(named(task.observation_space))
+    policy.check_actions(task.action_space)
+    cards = read_cards(path.parent) if (path.parent / CARDS).exists() else {}
+    for card in cards.values():
+        if path.name in card.files and card.subject != task.name:
+            raise InvalidInputError(f"'{path}': expected a policy of '{task.name}', its card says '{card.subject}'")
+    return policy
 
 
 class _Shown(VectorWrapper):

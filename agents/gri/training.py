@@ -17,7 +17,7 @@ from pydantic import Field
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
-from dohyo.agents.gri.experts import ShownTask
+from dohyo.agents.gri.experts import ShownTask, expert_policy
 from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import IqnConfig
 from dohyo.agents.learning.algorithms.off_policy import make_replay
@@ -101,21 +101,36 @@ def make_learner(settings: GriRunConfig, task: Task, collector: Collector, run: 
 
 
 def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demonstrations:
-    """Demonstrations that the settings name, or those of a run's folder, which are recorded where there are none."""
-    if settings.demonstrations:
-        return Demonstrations(Path(settings.demonstrations))
-    folder = folder / "demonstrations"
-    if not (folder / INDEX).exists():
-        record(settings, task, folder)
-    return Demonstrations(folder)
+    """Demonstrations that the settings name, or those of a run's folder, which are recorded where there are none.
+
+    Raises:
+        InvalidInputError: The settings name demonstrations that do not exist, or are of another task; or the run's
+            folder has those of another expert, left by a training that has not begun.
+    """
+    own = folder / "demonstrations"
+    if not settings.demonstrations and not (own / INDEX).exists():
+        record(settings, task, own)
+    shown = Demonstrations(Path(settings.demonstrations or own))
+    if shown.index.task != task.name:
+        raise InvalidInputError(
+            f"'{settings.demonstrations or own}': expected demonstrations of '{task.name}', got '{shown.index.task}'"
+        )
+    told = shown.index.expert, len(shown)
+    if not settings.demonstrations and told != (wanted := (_expert(settings), settings.shown)):
+        raise InvalidInputError(f"'{own}': expected expert and number of demonstrations {wanted}, got {told}")
+    return shown
 
 
 def record(settings: GriRunConfig, task: Task, folder: Path) -> None:
     """Records the expert of the settings into a folder."""
-    policy, noise = (Path(settings.expert) if settings.expert else None), settings.gri.demo_noise
-    said = str(policy) if policy else "the task's own"
-    expert = said if not noise else f"{said}, {100 * noise:g} % of episodes with random actions"
-    record_demonstrations(ShownTask(task, policy, noise), folder, settings.shown, expert=expert, seed=RECORDED_WITH)
+    shown = ShownTask(task, Path(settings.expert) if settings.expert else None, settings.gri.demo_noise)
+    record_demonstrations(shown, folder, settings.shown, expert=_expert(settings), seed=RECORDED_WITH)
+
+
+def _expert(settings: GriRunConfig) -> str:
+    """The expert of recorded demonstrations, in a few words."""
+    said, noise = str(Path(settings.expert)) if settings.expert else "the task's own", settings.gri.demo_noise
+    return said if not noise else f"{said}, {100 * noise:g} % of episodes with random actions"
 
 
 def _train(settings: GriRunConfig, request: TrainRequest) -> Path:
@@ -124,6 +139,8 @@ def _train(settings: GriRunConfig, request: TrainRequest) -> Path:
     OFF_POLICY[settings.algorithm].check(task)
     if settings.gri.p_demo and not (settings.expert or settings.demonstrations or task.has_expert):
         raise InvalidInputError(f"task '{task.name}' has no expert: expected 'expert', 'demonstrations' or p_demo = 0")
+    if settings.gri.p_demo and settings.expert and not settings.demonstrations:
+        expert_policy(Path(settings.expert), task)  # before anything is written
     return train_task(lambda collector, run: make_learner(settings, task, collector, run), task, settings, request)
 
 

@@ -30,6 +30,7 @@ from dohyo.agents.rlad.rivals.curl import Contrast, two_views
 from dohyo.agents.rlad.rivals.drq import Drq
 from dohyo.agents.rlad.rivals.drq_v2 import DrqV2, DrqV2Config
 from dohyo.agents.rlad.rivals.sac_ae import Reconstruction
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Algorithm = Literal["rlad", "sac-ae", "curl", "drq", "drq-v2"]
 PAD_SHARE = 8 / 256
@@ -91,7 +92,7 @@ def make_learner(settings: RladRunConfig, collector: Collector, run: TaskRun) ->
 
 
 def _augment(settings: RladRunConfig, shift: Augment) -> Augment | None:
-    """Change of a batch; SAC+AE has none, and nothing is shifted where there are no pictures."""
+    """Change of a batch; SAC+AE has none, and RLAD none where there are no pictures."""
     if settings.town.view == "state" or settings.algorithm == "sac-ae":
         return None
     if settings.algorithm == "curl":
@@ -109,6 +110,8 @@ def _auxiliary(settings: RladRunConfig, latent: Latent) -> list[Auxiliary]:
 
 
 def _train(settings: RladRunConfig, request: TrainRequest) -> Path:
+    if settings.algorithm != "rlad" and settings.town.view == "state":
+        raise InvalidInputError(f"'{settings.algorithm}' learns from pictures: expected town.view = 'picture'")
     return train_task(partial(make_learner, settings), settings.task, settings, request)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
-from gymnasium.spaces import Dict
+from gymnasium.spaces import Box, Dict, Discrete
 
 from dohyo.agents.learning.policies.export import ACTION
 from dohyo.agents.learning.tasks.task import Array
@@ -63,6 +63,15 @@ class OnnxPolicy:
                     f"policy '{self.path}': expected observation '{name}' to be {dtype} {shape}, got {given.dtype} "
                     f"{given.shape}"
                 )
+
+    def check_actions(self, space: Box | Discrete) -> None:
+        """Raises InvalidInputError if a decision on zeros is no action of a space."""
+        action = self({name: np.zeros(shape, dtype) for name, (shape, dtype) in self.inputs.items()})
+        discrete = np.issubdtype(action.dtype, np.integer)
+        if action.shape != space.shape or discrete != isinstance(space, Discrete):
+            raise InvalidInputError(
+                f"policy '{self.path}': expected actions of {space}, got {action.dtype} {action.shape}"
+            )
 
     def __call__(self, observation: Mapping[str, Array]) -> Array:
         """One observation -> its action, (A,) float32 or () int64; observations that it does not use are ignored."""

@@ -55,7 +55,7 @@ class Run(Generic[C_co]):
     def __init__(
         self, trainer: str, folder: Path, config: C_co, resume: bool = False, free: frozenset[str] = FREE
     ) -> None:
-        """Makes the folder, or resumes it.
+        """Makes the folder, or resumes it; the first table makes the run exist.
 
         Args:
             trainer: Name in the registry.
@@ -81,10 +81,8 @@ class Run(Generic[C_co]):
         sessions = json.loads((folder / "run.json").read_text())["sessions"] if resume else []
         session = {"from_steps": self.steps_before, "device": str(self.device), **surroundings()}
         self._sessions: list[dict[str, Any]] = [*sessions, session]
-        self.write_json("run.json", {"trainer": trainer, "seed": config.seed, "sessions": self._sessions})
-        write_atomically(folder / "config.toml", as_toml(config).encode())  # last: it makes the run exist
         self._tables: dict[str, Table] = {}
-        self._board = Board(folder / "tensorboard" if config.tensorboard else None, self.steps_before)
+        self._board = Board(None, 0)
 
     @property
     def wall_s(self) -> float:
@@ -99,6 +97,8 @@ class Run(Generic[C_co]):
             columns: Beside "steps".
             known: In a resumed run, steps of the last row before its checkpoint; None: the checkpoint's.
         """
+        if not self._tables:
+            self._begin()
         keep = None
         if self.state is not None:
             keep = self.steps_before if known is None else known
@@ -155,6 +155,12 @@ class Run(Generic[C_co]):
             table.close()
         self._board.close()
         self._held.close()
+
+    def _begin(self) -> None:
+        """Makes the run exist. What cannot be trained has failed before, so that its folder can be used again."""
+        self.write_json("run.json", {"trainer": self.trainer, "seed": self.config.seed, "sessions": self._sessions})
+        self._board = Board(self.folder / "tensorboard" if self.config.tensorboard else None, self.steps_before)
+        write_atomically(self.folder / "config.toml", as_toml(self.config).encode())
 
     def _check(self, resume: bool, free: frozenset[str]) -> None:
         stored = stored_config(self.folder, self.trainer)

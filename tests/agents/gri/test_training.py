@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import csv
+import shutil
 import signal
 from pathlib import Path
 
 import pytest
 
+from dohyo.agents.gri.experts import ShownTask
 from dohyo.agents.gri.training import GRI, GriRunConfig
+from dohyo.agents.learning.experience.demonstrations import INDEX, record_demonstrations
+from dohyo.agents.learning.files.card import read_cards, write_card
 from dohyo.agents.learning.files.report import Report, no_report
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.problems import Point
 from tests.forked import dohyo
 
 ENVS = {"sac": "Point-v0", "ddpg": "Point-v0", "iqn": "Dial-v0"}
@@ -94,9 +99,45 @@ def test_without_demonstrations_it_is_the_algorithm_alone(tmp_path):
         (("expert=/nowhere.onnx",), "no policy '/nowhere.onnx'"),
         (("demonstrations=/nowhere",), "no demonstrations in '/nowhere'"),
         (("algorithm=iqn",), "expected actions in a Discrete"),
+        (("env=Nothing-v0",), "environment 'Nothing-v0'"),
     ],
 )
-def test_it_says_what_is_missing(more, said, tmp_path):
+def test_it_says_what_is_missing_and_leaves_no_run(more, said, tmp_path):
     config = read_settings(GriRunConfig, None, (*settings("sac"), *more))
     with pytest.raises(InvalidInputError, match=said):
         GRI.train(config, TrainRequest("gri", tmp_path / "run", False, no_report))
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file() and path.name != ".lock"] == []
+
+
+def test_an_expert_of_another_environment_is_refused(experts, tmp_path):
+    """By its spaces, or, where they are the same, by the task on its card."""
+    dial = f"expert={experts['Dial-v0']}"
+    point = experts["Point-v0"]
+    other = tmp_path / "other"
+    shutil.copytree(point.parent, other)
+    card = read_cards(other)["best"].model_copy(update={"subject": "Walker2d-v5"})
+    write_card(other, "best", card)
+    for expert, said in (
+        (dial, "policy '.*': expected"),
+        (f"expert={other / point.name}", "its card says 'Walker2d-v5'"),
+    ):
+        config = read_settings(GriRunConfig, None, (*settings("ddpg"), expert))
+        with pytest.raises(InvalidInputError, match=said):
+            GRI.train(config, TrainRequest("gri", tmp_path / "run", False, no_report))
+    assert not (tmp_path / "run").exists()
+
+
+def test_demonstrations_of_another_task_or_expert_are_refused(experts, tmp_path):
+    def train(*more: str) -> None:
+        config = read_settings(GriRunConfig, None, (*arguments("sac", experts), *more))
+        GRI.train(config, TrainRequest("gri", tmp_path / "run", False, no_report))
+
+    record_demonstrations(ShownTask(Point()), tmp_path / "run" / "demonstrations", 2, expert="its own")
+    with pytest.raises(InvalidInputError, match=r"expected demonstrations of .*Point-v0', got 'point'"):
+        train()
+    with pytest.raises(InvalidInputError, match=r"expected demonstrations of .*Point-v0', got 'point'"):
+        train(f"demonstrations={tmp_path / 'run' / 'demonstrations'}")
+    index = tmp_path / "run" / "demonstrations" / INDEX
+    index.write_text(index.read_text().replace('"point"', f'"{settings("sac")[-2].partition("=")[2]}"'))
+    with pytest.raises(InvalidInputError, match="expected expert and number of demonstrations"):
+        train()

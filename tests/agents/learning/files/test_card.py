@@ -104,6 +104,7 @@ def test_a_run_writes_the_card_of_its_results(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr("sys.argv", ["/usr/local/bin/dohyo", "train", "toy", "--set", "name='a b'"])
     run = Run("toy", tmp_path, PointConfig(seed=7, device="cpu", tensorboard=False))
     try:
+        run.add_table("metrics", ())
         (tmp_path / "best.safetensors").write_bytes(b"weights")
         (tmp_path / "best.onnx").write_bytes(b"model")
         run.write_card("best", "point", 12, {"return": 1.5, "success": None})

@@ -24,6 +24,7 @@ from dohyo.agents.learning.networks.policy import Actor
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop
 from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.learning.runs.training import train_task
 from dohyo.service.cli import main
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import Point
@@ -176,9 +177,23 @@ def test_a_run_of_another_trainer_is_refused(folder, monkeypatch, capsys):
 def test_one_process_trains_at_a_time(tmp_path):
     run = Run("toy", tmp_path, RunConfig(tensorboard=False))
     with pytest.raises(InvalidInputError, match="is in use by another process"):
+        Run("toy", tmp_path, RunConfig(tensorboard=False))
+    run.add_table("metrics", ())
+    with pytest.raises(InvalidInputError, match="is in use by another process"):
         Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True)
     run.close()
     Run("toy", tmp_path, RunConfig(tensorboard=False), resume=True).close()
+
+
+def test_what_cannot_be_trained_leaves_no_run_behind(tmp_path):
+    def refused(collector, run):
+        raise InvalidInputError("no such thing")
+
+    settings = RunConfig(tensorboard=False, processes=0, device="cpu")
+    for _ in range(2):
+        with pytest.raises(InvalidInputError, match="no such thing"):
+            train_task(refused, Point(), settings, TrainRequest("toy", tmp_path, False, no_report))
+    assert not (tmp_path / "config.toml").exists()
 
 
 def test_a_trainer_of_ones_own_is_found_where_the_command_runs(tmp_path, monkeypatch, capsys):

@@ -9,11 +9,15 @@ import torch
 
 from dohyo.agents.endless_driving.observation import PICTURE
 from dohyo.agents.learning.algorithms.sac import Sac
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.perception.augmentation import of_transitions
 from dohyo.agents.rlad.rivals.curl import POSITIVE, Contrast, two_views
 from dohyo.agents.rlad.rivals.drq import VIEWS, Drq
 from dohyo.agents.rlad.rivals.drq_v2 import DrqV2, DrqV2Config
 from dohyo.agents.rlad.rivals.sac_ae import Reconstruction
+from dohyo.agents.rlad.training import RLAD, RladRunConfig
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.rlad.test_rlad import batch, copied, made, moved
 
 
@@ -68,3 +72,11 @@ def test_drq_v2_explores_less_and_less_and_bounds_the_targets_noise(tmp_path: Pa
     losses = [float(rival.learn(seen)["loss_critic"]) for _ in range(10)]
     assert losses[-1] < losses[0]
     assert moved(rival.encoder, encoder)
+
+
+@pytest.mark.parametrize("algorithm", ["sac-ae", "curl", "drq", "drq-v2"])
+def test_a_rival_of_the_twin_is_refused_before_anything_is_written(tmp_path: Path, algorithm: str) -> None:
+    settings = RladRunConfig.model_validate({"algorithm": algorithm, "town": {"view": "state"}})
+    with pytest.raises(InvalidInputError, match=rf"'{algorithm}' learns from pictures: expected town.view = 'picture'"):
+        RLAD.train(settings, TrainRequest("rlad", tmp_path / "run", False, no_report))
+    assert not (tmp_path / "run").exists()
