@@ -25,6 +25,13 @@ GROUP = "dohyo.agents"
 LOCALIZED = "dohyo.agents.localization.localized:Localized"
 DECLARED = Path(__file__).with_name("agents.toml")
 SETTINGS = Path(__file__).with_name("settings.json")
+TRAINABLE: Mapping[str, str] = {
+    "griad": "dohyo.agents.gri.griad:Griad",
+    "rlad": "dohyo.agents.rlad.agent:Rlad",
+    "rlfold": "dohyo.agents.rlfold.agent:Rlfold",
+}
+"""Agents that drive with a policy of one's own training, by name. No list has them before weights are shipped, see
+`shipping`."""
 SHIELDED = "dohyo.agents.safety.shield:Shielded"
 WRAPPERS: Mapping[str, tuple[str, ...]] = {SHIELDED: ("shield",), LOCALIZED: ("localization", "gnss")}
 """Agents that wrap another one, with the names of their own settings."""
@@ -127,14 +134,14 @@ def describe_agent(entry: str, settings: Mapping[str, Any], kind: Kind = "local"
 
 
 def resolve(name: str) -> str:
-    """The "module:Class" of a registered name; what already has that form is returned as it is.
+    """The "module:Class" of a registered name, or one of `TRAINABLE`; what already has that form is returned as it is.
 
     Raises:
-        UnknownNameError: No agent is registered under the name.
+        UnknownNameError: No agent has the name.
     """
     if ":" in name:
         return name
-    entries = agent_entries()
+    entries = {**TRAINABLE, **agent_entries()}
     if name not in entries:
         raise UnknownNameError("agent", name, entries)
     return entries[name]

@@ -31,7 +31,7 @@ ACTION_REPEAT: Final = 2
 """Ticks of every decision."""
 CAMERAS: Final = {64: "camera_64", 256: "camera_rgb"}
 """Camera by the side of its picture, pixels; the second has the thesis's size."""
-_MAX_STEERING = VehicleParameters().max_steering
+MAX_STEERING = VehicleParameters().max_steering
 
 
 class EgoView(SensorEncoder):
@@ -71,7 +71,7 @@ class EgoView(SensorEncoder):
     def encode(self, observation: Observation) -> dict[str, Array]:
         """See `SensorEncoder`."""
         speed, steering = observation["speedometer"].tolist()
-        now = speed / self._max_speed, steering / _MAX_STEERING
+        now = speed / self._max_speed, steering / MAX_STEERING
         self._measured.extend([now] * (1 if self._measured else self._measured.maxlen or 1))
         measured = np.array([*self._measured][::ACTION_REPEAT], np.float32).ravel()
         points = observation["route"][SPACING_M : SPACING_M * (POINTS + 1) : SPACING_M, :2] / np.float32(FAR_M)

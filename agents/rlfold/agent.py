@@ -3,21 +3,9 @@
 from __future__ import annotations
 
 from dohyo.agents.endless_driving.agent import EndlessDriver
-from dohyo.agents.endless_driving.observation import View
-from dohyo.agents.rlfold.training import TOWN
 
 
 class Rlfold(EndlessDriver):
     """A policy of RLfOLD."""
 
-    def __init__(self, policy: str, view: View = "picture") -> None:
-        """Reads the policy.
-
-        Args:
-            policy: ONNX file of a training.
-            view: "state" for the twin without pixels.
-
-        Raises:
-            InvalidInputError: The file is missing, or needs other observations.
-        """
-        super().__init__("rlfold", policy, TOWN, view)
+    trainer = "rlfold"

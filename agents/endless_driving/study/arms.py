@@ -1,8 +1,7 @@
-"""Arm: one variant of a trainer of endless driving, and the agent that drives with its policy."""
+"""Arm: one variant of a trainer of endless driving."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -41,7 +40,3 @@ class DrivingArm:
     def training(self, kind: type[RunConfig], seed: int) -> Any:
         """Settings of a training."""
         return read_settings(kind, self.config, (*self.settings, f"seed={seed}"))
-
-    def agent(self, kind: type[RunConfig], policy: Path) -> Mapping[str, Any]:
-        """Settings of the agent that drives with a policy."""
-        return {"policy": str(policy), "view": self.training(kind, 0).town.view}

@@ -54,15 +54,13 @@ class System:
     """What a study trains and drives.
 
     Attributes:
-        name: Of the trainer.
+        name: Of the trainer, and of the agent that drives with its policies.
         trainer: Of all arms.
-        agent: "module:Class" that drives with a policy.
         arms: By name.
     """
 
     name: str
     trainer: Trainer[Any]
-    agent: str
     arms: Mapping[str, DrivingArm]
 
     def cells(self, options: Options) -> list[Cell]:
@@ -94,8 +92,7 @@ class System:
             self.trainer.train(self.arms[cell.arm].training(self.trainer.config, cell.training_seed or 0), request)
 
     def _drive(self, cell: Cell, folder: Path) -> Row:
-        settings = self.arms[cell.arm].agent(self.trainer.config, folder / "best.onnx")
-        scenario, agent = scenario_of(cell), make_agent(resolve(self.agent), settings)
+        scenario, agent = scenario_of(cell), make_agent(resolve(self.name), {"policy": str(folder / "best.onnx")})
         try:
             record, trajectory = drive_episode(scenario, {scenario.missions[0].name: agent})
         finally:

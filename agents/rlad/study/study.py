@@ -14,5 +14,5 @@ from dohyo.agents.endless_driving.study.system import System
 from dohyo.agents.rlad.study.arms import ARMS, CLAIMS
 from dohyo.agents.rlad.training import RLAD
 
-SYSTEM: Final = System("rlad", RLAD, "dohyo.agents.rlad.agent:Rlad", dict(ARMS))
+SYSTEM: Final = System("rlad", RLAD, dict(ARMS))
 STUDY: Final = SYSTEM.study("RLAD: its parts, its rivals, its encoder's size", Path(__file__).parents[1], CLAIMS)

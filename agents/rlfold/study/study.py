@@ -14,5 +14,5 @@ from dohyo.agents.endless_driving.study.system import System
 from dohyo.agents.rlfold.study.arms import ARMS, CLAIMS
 from dohyo.agents.rlfold.training import RLFOLD
 
-SYSTEM: Final = System("rlfold", RLFOLD, "dohyo.agents.rlfold.agent:Rlfold", dict(ARMS))
+SYSTEM: Final = System("rlfold", RLFOLD, dict(ARMS))
 STUDY: Final = SYSTEM.study("RLfOLD: its parts, and the quality of its expert", Path(__file__).parents[1], CLAIMS)

@@ -9,22 +9,18 @@ import numpy as np
 import pytest
 import torch
 
-from dohyo.agents.endless_driving.agent import EndlessDriver
 from dohyo.agents.endless_driving.environment import EndlessDrivingEnv
 from dohyo.agents.endless_driving.experts import AgentExpert, NoisyExpert, RuleExpert
-from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.scenarios import TOWN, draw_scenario
 from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
-from dohyo.agents.learning.algorithms.sac import SacPolicy
-from dohyo.agents.learning.networks.modules import GaussianHead
-from dohyo.agents.learning.networks.vectors import ActionVector
-from dohyo.agents.learning.policies.export import export
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
+from dohyo.agents.rlad.agent import Rlad
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.sumo_networks.conditions import TRAIN
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+from tests.agents.endless_driving.policies import drawn_policy
 
 STAND = np.array([-1.0, 0.0], np.float32)
 
@@ -131,11 +127,8 @@ def test_an_agent_can_be_the_expert_and_noise_makes_it_another(opened: list[Endl
 def test_the_agent_sees_and_does_what_the_training_does(tmp_path: Path, opened: list[EndlessDrivingEnv]) -> None:
     """Frames, measurements and repeated actions: one policy, driven by both, ends at the same place."""
     task = EndlessDriving(TownConfig(roads="one-route"))
-    latent = Latent(task.observation_space, LatentConfig())
-    head = GaussianHead(latent.features, 2, (16,))
-    policy = SacPolicy(latent, head, ActionVector(task.action_space))
-    export(policy, task.observation_space, tmp_path / "policy", {})
-    onnx = OnnxPolicy(tmp_path / "policy.onnx")
+    policy = drawn_policy(tmp_path, task.town)
+    onnx = OnnxPolicy(policy)
     stepped = task.make_environments(1, processes=False)
     with torch.no_grad():
         seen, _ = stepped.reset(seed=[HELD_OUT_FROM], options={})
@@ -145,7 +138,7 @@ def test_the_agent_sees_and_does_what_the_training_does(tmp_path: Path, opened: 
             seen, _, terminated, truncated, infos = stepped.step(actions[-1])
             over = bool(terminated[0] or truncated[0])
     stepped.close()
-    agent = EndlessDriver("tested", tmp_path / "policy.onnx", task.town, "picture")
+    agent = Rlad(policy)
     record, trajectory = drive_episode(draw_scenario("one-route", HELD_OUT_FROM, endless=False), {"ego": agent})
     ticks = int(trajectory.tick[trajectory.key == -1].max())
     assert ticks >= 2 * len(actions) - 2
