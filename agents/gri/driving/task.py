@@ -1,4 +1,8 @@
-"""DrivingTask: missions in town by GRIAD's choices and reward, with the autopilot as expert."""
+"""DrivingTask: missions in town by GRIAD's choices and reward, with the autopilot as expert.
+
+An episode is terminated by what the reward punishes, see `reward`. It is truncated at its goal, as at the end of its
+time: the thesis's drives have no goal, and a state without future there would teach not to reach it.
+"""
 
 from __future__ import annotations
 
@@ -124,8 +128,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
                 info = self._told(end, end is None and bool(infos[EGO].get("success", False)))
                 break
         value = float(np.mean(rewards)) if end is None else rewards[-1]
-        terminated = end is not None or bool(info.get("success", False))
-        return encoded, value, terminated, over and not terminated, info
+        return encoded, value, end is not None, over and end is None, info
 
     def expert_action(self) -> int:
         """The autopilot's choice; must be asked for at every step of an episode, or at none."""

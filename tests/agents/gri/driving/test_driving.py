@@ -7,28 +7,39 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from dohyo.agents.gri.demonstrated_replay import GriConfig
 from dohyo.agents.gri.driving.choices import ACCELERATIONS, STEERING, TABLE, nearest
-from dohyo.agents.gri.driving.pictures import LATENTS, PICTURES
+from dohyo.agents.gri.driving.pictures import LATENTS, PICTURES, Pictures
 from dohyo.agents.gri.driving.target_speed import FALL_M, FREE_M_S, STOP_M, target_speed
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
 from dohyo.agents.gri.griad import Griad
 from dohyo.agents.gri.training import GRI, GriRunConfig
 from dohyo.agents.hierarchical.vision.latents import Encoder
+from dohyo.agents.learning.algorithms.iqn import IqnPolicy
 from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.networks.modules import ObservationEncoder, QuantileNetwork
+from dohyo.agents.learning.policies.export import export
 from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.submission import write_submission
 from dohyo.evaluation.agent import Mission
+from dohyo.service.policies.checks import check_policy
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.rendering.labels import Label
+from dohyo.sumo_networks.routes.command import Command
 from dohyo.sumo_networks.scenario import Place
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.sensors.path import BEHIND, POINTS
 from dohyo.sumo_networks.world import LightState
+from tests.agents.endless_driving.test_agent import answers
 
 CONFIG = Path(__file__).parents[4] / "agents" / "gri" / "configs" / "griad.toml"
 FRONT_M = VehicleParameters().length / 2
+EMPTY_ROAD = 21
+"""Seed of a short mission without traffic."""
 
 
 def road(curvature: float = 0.0, light_m: float | None = None, actor: tuple[float, float] | None = None) -> dict:
@@ -92,6 +103,20 @@ def test_the_autopilot_is_rewarded_and_who_leaves_the_lane_ends_with_minus_1(mon
     assert 2 * steps - 1 <= len(encoded) <= 2 * steps, "every tick's picture is encoded once"
 
 
+def test_a_goal_cuts_an_episode_and_is_no_terminal_state():
+    """Of a terminal state nothing is to be expected: a learner that is rewarded for driving on would stop before it."""
+    env, over = DrivingTask().make_env(0), False
+    try:
+        env.reset(seed=EMPTY_ROAD)
+        while not over:
+            *_, terminated, truncated, info = env.step(env.expert_action())
+            over = terminated or truncated
+    finally:
+        env.close()
+    assert info["success"]
+    assert (terminated, truncated) == (False, True)
+
+
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny training with GRIAD's configuration, on the state."""
@@ -130,3 +155,31 @@ def test_a_policy_of_another_task_is_refused(trained):
     shipped = Path(__file__).parents[4] / "agents" / "priboot" / "checkpoints" / "priboot.onnx"
     with pytest.raises(InvalidInputError, match="expected a policy of the driving task, it sees"):
         Griad(str(shipped))
+
+
+def test_a_service_takes_the_submission_of_pictures_and_it_drives_as_the_agent(tmp_path):
+    torch.manual_seed(0)
+    encoder = ObservationEncoder(Pictures.space)
+    network = QuantileNetwork(encoder.features, len(TABLE), (16,), dueling=True, noise=0.5)
+    export(IqnPolicy(encoder, network, 8), Pictures.space, tmp_path / "best", {})
+    file = tmp_path / "submission.onnx"
+    spec = write_submission("griad", tmp_path / "best.onnx", file)
+    agent, rng = Griad(tmp_path / "best.onnx"), np.random.default_rng(0)
+    agent.reset(Mission(start=Place(lane="a", position_m=0.0), goal=Place(lane="b", position_m=0.0)), 0)
+    observations = [
+        {
+            "camera_semantic": np.full((1, 80, 160), rng.integers(len(Label)), np.uint8),
+            "speedometer": rng.uniform(0.0, 10.0, 2).astype(np.float32),
+            "navigation": np.array([rng.integers(len(Command)), 50.0, 10.0], np.float32),
+        }
+        for _ in range(8)
+    ]
+    expected = [agent.act(observation) for observation in observations]
+    assert len({tuple(row) for row in np.array(expected).tolist()}) > 1
+    np.testing.assert_allclose(answers(file, observations), expected, atol=1e-6)
+    assert "state_latents" in check_policy(file.read_bytes(), spec).states
+
+
+def test_the_exact_state_is_no_sensor_of_a_service(trained, tmp_path):
+    with pytest.raises(InvalidInputError, match="expected a policy of pictures"):
+        write_submission("griad", trained / "best.onnx", tmp_path / "submission.onnx")
