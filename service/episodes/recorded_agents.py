@@ -16,6 +16,7 @@ from dohyo.agents.registry import is_registered, wrapped_entries
 from dohyo.evaluation.agent import Agent, agent_info, make_agent, source_digest
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.episode.runner import versions
+from dohyo.evaluation.records.mixed import agents_of
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.service.parking.interface import POLICY as PARKER
 from dohyo.service.policies.agent import ENTRY as POLICY
@@ -53,7 +54,7 @@ def build_agents(record: EpisodeRecord, *, trust: bool = False, policy: Path | N
     if now != record.versions:
         raise InvalidInputError(f"the record was made by {record.versions}: expected the same versions here, got {now}")
     if not trust:
-        for info in {ego.agent.entry: ego.agent for ego in record.egos}.values():
+        for info in agents_of([record]):
             check_known(info)
     agents: dict[str, Agent] = {}
     try:

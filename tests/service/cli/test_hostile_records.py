@@ -105,6 +105,17 @@ def test_a_setting_may_not_name_a_file(tmp_path: Path) -> None:
         check_known(there.model_copy(update={"settings": {"rules": str(tmp_path)}}))
 
 
+def test_every_agent_of_a_mixed_record_is_checked(tmp_path: Path) -> None:
+    """Two egos with one entry: the settings of the first must not pass unseen behind those of the second."""
+    entry = "dohyo.agents.rules.rules_only:RulesOnly"
+    there = agent_info(make_agent(entry), entry)
+    plain = record_of(there)
+    first = plain.egos[0].model_copy(update={"agent": there.model_copy(update={"settings": {"rules": str(tmp_path)}})})
+    second = plain.egos[0].model_copy(update={"name": "other"})
+    with pytest.raises(UntrustedRecordError, match="setting 'rules' names a file"):
+        build_agents(seal(plain.model_copy(update={"egos": (first, second)})))
+
+
 def test_a_network_is_a_name_of_the_catalog(tmp_path: Path) -> None:
     net = tmp_path / "trap.net.xml"
     os.mkfifo(net)  # a program that opens it waits for ever
