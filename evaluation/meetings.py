@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 from dohyo.evaluation.records.mixed import agents_of
-from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
+from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import COLLISIONS
 
 
@@ -36,20 +36,31 @@ def meetings(records: Iterable[EpisodeRecord]) -> list[Meeting]:
     """
     records = list(records)
     agents = agents_of(records)
-    episodes: Counter[tuple[int, int]] = Counter()
+    return count_meetings(
+        ({ego.name: agents.index(ego.agent) for ego in record.egos}, hits_of(record))
+        for record in records
+        if not record.lost
+    )
+
+
+def count_meetings(episodes: Iterable[tuple[Mapping[str, int], Mapping[str, Mapping[str, int]]]]) -> list[Meeting]:
+    """The same from episodes: the position of each ego's agent, and the egos that each ego hit, see `hits_of`."""
+    common: Counter[tuple[int, int]] = Counter()
     collisions: Counter[tuple[int, int]] = Counter()
-    for record in records:
-        if record.lost:
-            continue
-        driven = {ego.name: agents.index(ego.agent) for ego in record.egos}
-        episodes.update(combinations(sorted(set(driven.values())), 2))
-        for ego in record.egos:
-            for other in _hit(ego, driven):
-                collisions[min(driven[ego.name], other), max(driven[ego.name], other)] += 1
-    return [Meeting(*pair, count, collisions[pair]) for pair, count in sorted(episodes.items())]
+    for driven, hits in episodes:
+        common.update(combinations(sorted(set(driven.values())), 2))
+        for ego, hit in hits.items():
+            for other, count in hit.items():
+                collisions[min(driven[ego], driven[other]), max(driven[ego], driven[other])] += count
+    return [Meeting(*pair, count, collisions[pair]) for pair, count in sorted(common.items())]
 
 
-def _hit(ego: EgoRecord, driven: dict[str, int]) -> list[int]:
-    """Agents of the egos that an ego collided with."""
-    hits = (one.actor for one in ego.infractions if one.kind in COLLISIONS)
-    return [driven[actor] for actor in hits if actor in driven]
+def hits_of(record: EpisodeRecord) -> dict[str, Counter[str]]:
+    """Number of collisions that each ego had with each other ego of its episode, where there were any."""
+    names = {ego.name for ego in record.egos}
+    found: dict[str, Counter[str]] = {}
+    for ego in record.egos:
+        for one in ego.infractions:
+            if one.kind in COLLISIONS and one.actor is not None and one.actor in names:
+                found.setdefault(ego.name, Counter())[one.actor] += 1
+    return found

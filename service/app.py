@@ -32,6 +32,7 @@ from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations import routes as evaluations
 from dohyo.service.jobs import routes as jobs
 from dohyo.service.jobs.kinds import KINDS
+from dohyo.service.mixed_runs import routes as cross_play
 from dohyo.service.monitoring import health_routes as health
 from dohyo.service.monitoring import routes as service_metrics
 from dohyo.service.networks import routes as networks
@@ -61,7 +62,7 @@ ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
-        *(evaluations, episodes, leaderboard, comparison, challenges, invitations, metrics, rescoring),
+        *(evaluations, episodes, leaderboard, cross_play, comparison, challenges, invitations, metrics, rescoring),
         *(webhooks, workers, worlds, seats, spectating, signing, service_metrics),
     )
 )

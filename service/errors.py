@@ -44,6 +44,19 @@ class ServiceError(DohyoError):
         self.headers = dict(headers or {})
 
 
+class BodyError(InvalidInputError):
+    """A well-formed body that does not fit what is stored.
+
+    Attributes:
+        place: Keys that lead to the fault, such as "egos.east-2".
+        expected: What was expected there.
+    """
+
+    def __init__(self, place: str, expected: str) -> None:
+        super().__init__(f"body.{place}: {expected}")
+        self.place, self.expected = place, expected
+
+
 class UnauthorisedError(ServiceError):
     """The token is missing, unknown, expired or revoked; the answer does not say which."""
 
@@ -194,6 +207,8 @@ def _answer(error: Exception) -> JSONResponse:
     if isinstance(error, SettingsError):
         faults = [{"where": f"body.settings.{name}", "expected": fault} for name, fault in error.faults.items()]
         return problem(422, str(error), errors=faults[:FAULTS])
+    if isinstance(error, BodyError):
+        return problem(422, str(error), errors=[{"where": f"body.{error.place}", "expected": error.expected}])
     if isinstance(error, UnknownNameError):
         return problem(404, str(error))
     if isinstance(error, InvalidInputError):

@@ -204,6 +204,14 @@ class Benchmark(Config):
         )
 
     @property
+    def shared_egos(self) -> tuple[str, ...]:
+        """Egos of every scenario, which a mixed run may give to different agents; none where an ego drives alone."""
+        if not all(cell.together and len(self.missions[cell.missions]) > 1 for cell in self.cells):
+            return ()
+        names = [[mission.name for mission in self.missions[cell.missions]] for cell in self.cells]
+        return tuple(name for name in names[0] if all(name in some for some in names))
+
+    @property
     def excerpts(self) -> bool:
         """Whether the missions begin in recorded traffic."""
         return any(mission.excerpt is not None for missions in self.missions.values() for mission in missions)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -53,6 +54,30 @@ class Manifest(ResultManifest):
         if self.missions is None:
             return ""
         return f"part of {self.benchmark.name}: {len(self.missions)} of {self.benchmark.size} missions"
+
+
+def manifest_of(
+    infos: Mapping[str, AgentInfo],
+    benchmark: Benchmark,
+    benchmark_sha256: str,
+    missions: tuple[str, ...] | None = None,
+) -> Manifest:
+    """Manifest of a run.
+
+    Args:
+        infos: Agent of each mission, by its name in the benchmark's order; the first one becomes `agent`.
+        benchmark: Benchmark.
+        benchmark_sha256: Its content hash.
+        missions: Names of the scenarios that are driven; None: all of the benchmark.
+    """
+    first, *_ = infos.values()
+    return Manifest(
+        agent=first,
+        others={name: info for name, info in infos.items() if info != first},
+        benchmark=benchmark,
+        benchmark_sha256=benchmark_sha256,
+        missions=missions,
+    )
 
 
 def read_manifest(out: Path) -> Manifest:

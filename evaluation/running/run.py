@@ -19,7 +19,7 @@ from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.job import Job
-from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, read_manifest
+from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, manifest_of, read_manifest
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -93,14 +93,7 @@ def run_benchmark(
     infos = assign(given, (mission.name for scenario in everything for mission in scenario.missions))
     scenarios = select(everything, only, sample)
     missions = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
-    first, *_ = infos.values()
-    manifest = Manifest(
-        agent=first,
-        others={name: info for name, info in infos.items() if info != first},
-        benchmark=benchmark,
-        benchmark_sha256=benchmark.sha256,
-        missions=missions if len(missions) < benchmark.size else None,
-    )
+    manifest = manifest_of(infos, benchmark, benchmark.sha256, missions if len(missions) < benchmark.size else None)
     _claim(out, manifest)
 
     stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]

@@ -56,11 +56,13 @@ def _view(benchmark: AnyBenchmark) -> BenchmarkView:
             "rules": benchmark.rules,
             "networks": list(benchmark.networks),
             "cells": [cell.name for cell in benchmark.cells],
+            "egos": list(benchmark.shared_egos),
         }
     elif isinstance(benchmark, ParkingBenchmark):
-        facts = {"kind": Family.PARKING, "rules": None, "networks": [], "cells": [LOT]}
+        facts = {"kind": Family.PARKING, "rules": None, "networks": [], "cells": [LOT], "egos": []}
     else:
         facts = {"kind": Family.FREEWAY, "rules": None, "networks": [benchmark.network], "cells": [MORNING]}
+        facts |= {"egos": []}
     return BenchmarkView(
         name=benchmark.name,
         version=benchmark.sha256,

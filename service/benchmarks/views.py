@@ -30,6 +30,9 @@ class BenchmarkView(View):
     rules: Annotated[str | None, Field(description="Of the driving score; null where no car is driven.")]
     networks: list[str]
     cells: list[str]
+    egos: Annotated[
+        list[str], Field(description="Egos of every scenario, for mixed runs; empty where an ego drives alone.")
+    ]
     scenarios: Annotated[int, Field(description="Per seed.")]
     seeds: Annotated[list[int], Field(description="Driven by default.")]
 

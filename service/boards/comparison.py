@@ -27,7 +27,7 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
         where there are none), `scenarios`: those all have driven on which the headline differs most.
 
     Raises:
-        InvalidInputError: Too few, too many, one twice, one without a drive, or of different benchmark versions.
+        InvalidInputError: Too few, too many, one twice, one mixed or without a drive, or of different versions.
     """
     _check(entries)
     return {
@@ -81,6 +81,8 @@ def _check(entries: Sequence[Entry]) -> None:
         names = ", ".join(sorted(f"{name} {sha256[:12]}" for sha256, name in versions.items()))
         raise InvalidInputError(f"expected evaluations of one benchmark version, got {names}")
     for entry in entries:
+        if entry.others:
+            raise InvalidInputError(f"expected runs of one agent, and evaluation '{entry.evaluation}' is a mixed run")
         if not entry.drives:
             raise InvalidInputError(f"evaluation '{entry.evaluation}' has no finished episode yet")
 

@@ -30,6 +30,32 @@ OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES)
 """Columns of benchmarks that rank by nuPlan's score or one of its terms, of freeway mornings, and of parking lots."""
 
 
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """A submission that drives.
+
+    Attributes:
+        submission: Identifier.
+        agent: Name of the agent.
+        version: Version of the agent.
+        owner: Owner of the agent.
+        kind: Kind of the submission: builtin, onnx, remote.
+        track: Which sensors it may use.
+    """
+
+    submission: str
+    agent: str
+    version: int
+    owner: str
+    kind: str
+    track: str
+
+    @property
+    def name(self) -> str:
+        """Name and version of the agent, for people."""
+        return f"{self.agent} v{self.version}"
+
+
 @dataclass(frozen=True)
 class Entry:
     """A finished evaluation with the facts that leaderboards and comparisons need.
@@ -48,6 +74,8 @@ class Entry:
         finished: Time of its end.
         drives: All drives that count.
         lost: Number of drives lost to gridlocks and infrastructure faults, by cell.
+        lost_egos: The same, by ego.
+        others: Drivers of single egos of a mixed run, by ego.
     """
 
     evaluation: str
@@ -63,6 +91,17 @@ class Entry:
     finished: datetime | None
     drives: tuple[Drive, ...]
     lost: Mapping[str, int] = field(default_factory=dict)
+    lost_egos: Mapping[str, int] = field(default_factory=dict)
+    others: Mapping[str, Driver] = field(default_factory=dict)
+
+    @property
+    def driver(self) -> Driver:
+        """The driver of all egos but `others`."""
+        return Driver(self.submission, self.agent, self.version, self.owner, self.kind, self.track)
+
+    def driver_of(self, ego: str) -> Driver:
+        """The driver of an ego."""
+        return self.others.get(ego, self.driver)
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, exists, func, select
 from sqlalchemy.orm import Session
 
-from dohyo.service.boards.leaderboard import Entry
-from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
+from dohyo.service.boards.leaderboard import Driver, Entry
+from dohyo.service.evaluations.model import (
+    BenchmarkVersion,
+    Episode,
+    EpisodeStatus,
+    Evaluation,
+    EvaluationEgo,
+    EvaluationStatus,
+)
 from dohyo.service.evaluations.scoring import Drive
 from dohyo.service.submissions.model import Agent, Submission
 
@@ -46,6 +54,29 @@ def benchmark_names(session: Session) -> list[str]:
     return sorted(session.scalars(select(BenchmarkVersion.name).distinct()))
 
 
+def mixed_runs(session: Session, benchmark_sha256: str, seen: ColumnElement[bool], limit: int) -> list[str]:
+    """Complete mixed runs on a benchmark version that meet a condition, newest first."""
+    return _complete_runs(session, benchmark_sha256, seen & _is_mixed(), limit)
+
+
+def runs_alone(
+    session: Session, benchmark_sha256: str, submissions: Collection[str], seen: ColumnElement[bool], limit: int
+) -> list[str]:
+    """Complete runs of some submissions without other agents, that meet a condition, newest first."""
+    of_those = Evaluation.submission_id.in_(submissions)
+    return _complete_runs(session, benchmark_sha256, seen & ~_is_mixed() & of_those, limit)
+
+
+def _complete_runs(session: Session, benchmark_sha256: str, which: ColumnElement[bool], limit: int) -> list[str]:
+    complete = (Evaluation.benchmark_sha256 == benchmark_sha256) & (Evaluation.status == EvaluationStatus.DONE)
+    query = select(Evaluation.id).where(complete, which).order_by(Evaluation.created.desc(), Evaluation.id)
+    return list(session.scalars(query.limit(limit)))
+
+
+def _is_mixed() -> ColumnElement[bool]:
+    return exists().where(EvaluationEgo.evaluation_id == Evaluation.id)
+
+
 def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]:
     """Evaluations by id, with finished drives and the number of lost ones; unknown ids give no entry."""
     query = (
@@ -59,6 +90,7 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
         .where(Evaluation.id.in_(evaluation_ids))
     )
     drives, lost = _drives(session, evaluation_ids), _lost_drives(session, evaluation_ids)
+    others = _others(session, evaluation_ids)
     found: dict[str, Entry] = {}
     for one, seeds, finished, owner, submission, version, kind, track, agent, benchmark, sha256 in session.execute(
         query
@@ -76,9 +108,17 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
             seeds=tuple(seeds),
             finished=finished,
             drives=tuple(drives.get(one, ())),
-            lost=lost.get(one, {}),
+            lost={cell: sum(egos.values()) for cell, egos in lost.get(one, {}).items()},
+            lost_egos=sum(lost.get(one, {}).values(), Counter[str]()),
+            others=others.get(one, {}),
         )
     return found
+
+
+def driver_of(submission: Submission) -> Driver:
+    """A submission as a driver."""
+    agent = submission.agent
+    return Driver(submission.id, agent.name, submission.version, agent.owner, submission.kind.value, submission.track)
 
 
 def count_by_status(session: Session) -> tuple[Mapping[str, int], Mapping[str, int]]:
@@ -91,19 +131,29 @@ def count_by_status(session: Session) -> tuple[Mapping[str, int], Mapping[str, i
 def _drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, list[Drive]]:
     query = (
         select(Episode.evaluation_id, Episode.id, Episode.scenario, Episode.cell, Episode.seed, Episode.summary)
+        .add_columns(Episode.record_hash)
         .where(Episode.evaluation_id.in_(evaluation_ids), Episode.status == EpisodeStatus.DONE)
         .order_by(Episode.evaluation_id, Episode.position)
     )
     drives: dict[str, list[Drive]] = {}
-    for evaluation_id, episode_id, scenario, cell, seed, summary in session.execute(query):
+    for evaluation_id, episode_id, scenario, cell, seed, summary, record_hash in session.execute(query):
         drives.setdefault(evaluation_id, []).extend(
-            Drive(episode_id, scenario, cell, seed, facts) for facts in (summary or {}).get("egos", ())
+            Drive(episode_id, scenario, cell, seed, facts, record_hash) for facts in (summary or {}).get("egos", ())
         )
     return drives
 
 
-def _lost_drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, int]]:
-    """Number of drives in lost episodes, by evaluation and cell."""
+def _others(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Driver]]:
+    """Drivers of single egos, by mixed run and ego."""
+    query = select(EvaluationEgo).where(EvaluationEgo.evaluation_id.in_(evaluation_ids))
+    found: dict[str, dict[str, Driver]] = {}
+    for one in session.scalars(query.order_by(EvaluationEgo.evaluation_id, EvaluationEgo.ego)):
+        found.setdefault(one.evaluation_id, {})[one.ego] = driver_of(one.submission)
+    return found
+
+
+def _lost_drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Counter[str]]]:
+    """Number of drives in lost episodes, by evaluation, cell and ego."""
     query = (
         select(Episode.evaluation_id, Episode.cell, func.count(), BenchmarkVersion.sha256)
         .join(Evaluation, Evaluation.id == Episode.evaluation_id)
@@ -111,16 +161,16 @@ def _lost_drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, d
         .where(Episode.evaluation_id.in_(evaluation_ids), Episode.status == EpisodeStatus.LOST)
         .group_by(Episode.evaluation_id, Episode.cell, BenchmarkVersion.sha256)
     )
-    found: dict[str, dict[str, int]] = {}
+    found: dict[str, dict[str, Counter[str]]] = {}
     for evaluation_id, cell, episodes, sha256 in session.execute(query):
         document = session.get_one(BenchmarkVersion, sha256).document
-        found.setdefault(evaluation_id, {})[cell] = episodes * _egos(document, cell)
+        found.setdefault(evaluation_id, {})[cell] = Counter(dict.fromkeys(_egos(document, cell), episodes))
     return found
 
 
-def _egos(document: Mapping[str, Any], cell: str) -> int:
-    """Number of egos in each episode of a benchmark's cell."""
+def _egos(document: Mapping[str, Any], cell: str) -> list[str]:
+    """Egos in each episode of a benchmark's cell; one that drives alone is "ego"."""
     for one in document.get("cells", ()):
         if one["name"] == cell and one.get("together"):
-            return len(document["missions"][one["missions"]])
-    return 1
+            return [mission["name"] for mission in document["missions"][one["missions"]]]
+    return ["ego"]

@@ -10,13 +10,14 @@ from fastapi import APIRouter, Query, Response
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.access import Caller, Reader
-from dohyo.service.benchmarks.catalog import AnyBenchmark, family_of, find_benchmark
+from dohyo.service.benchmarks.catalog import AnyBenchmark, family_of
 from dohyo.service.boards import queries as reading
 from dohyo.service.boards.board import rows_of
 from dohyo.service.boards.leaderboard import as_csv
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.ranking_views import RankingView
 from dohyo.service.boards.rankings import open_ranking_id, ranking_for
+from dohyo.service.boards.versions import VersionHash, find_version
 from dohyo.service.boards.views import LeaderboardView
 from dohyo.service.challenges.closing import final_rows
 from dohyo.service.episodes.readers import Readers, ReadersOf
@@ -39,9 +40,6 @@ BenchmarkName = Annotated[
         examples=["quickstart"],
         description="For the board of its open ranking; not needed beside `ranking`.",
     ),
-]
-VersionHash = Annotated[
-    str | None, Query(pattern=r"^[0-9a-f]{8,64}$", description="Content hash or its beginning; by default the newest.")
 ]
 TrackName = Annotated[
     Literal["sensors", "map", "privileged"] | None,
@@ -194,25 +192,5 @@ def _ranked_benchmark(session: Session, readers: Readers, asked: _Question) -> t
         if ranking is None:
             raise UnknownNameError("ranking", asked.ranking, [])
         return readers.stored(session.get_one(BenchmarkVersion, ranking.benchmark_sha256)), ranking.id
-    name, version = asked.benchmark or "", asked.version
-    found = [one for one in reading.benchmark_versions(session, name) if one.sha256.startswith(version or "")]
-    if version and len(found) > 1:
-        raise InvalidInputError(f"version '{version}' of benchmark '{name}' could be any of {len(found)}")
-    if found:
-        return readers.stored(found[0]), open_ranking_id(found[0].sha256)
-    benchmark = _unevaluated(name, version, reading.benchmark_names(session))
+    benchmark, _ = find_version(session, readers, asked.benchmark or "", asked.version)
     return benchmark, open_ranking_id(benchmark.sha256)
-
-
-def _unevaluated(name: str, version: str | None, evaluated: list[str]) -> AnyBenchmark:
-    """A benchmark that has no evaluation yet.
-
-    Raises:
-        UnknownNameError: No benchmark has this name and version; file names are refused too.
-    """
-    if name.endswith(".toml"):
-        raise UnknownNameError("benchmark", name, evaluated)
-    benchmark = find_benchmark(name)
-    if version and not benchmark.sha256.startswith(version):
-        raise UnknownNameError(f"version of benchmark '{name}'", version, [benchmark.sha256])
-    return benchmark

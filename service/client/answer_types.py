@@ -14,6 +14,7 @@ ANSWERS: Final = (
     "MetricsView",
     "LeaderboardView",
     "ComparedView",
+    "CrossPlayView",
     "WorldView",
 )
 """Schemas of the client's answers; those that they refer to follow."""

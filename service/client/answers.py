@@ -6,6 +6,32 @@ from __future__ import annotations
 from typing import Any, Literal, NotRequired, TypedDict
 
 
+class AgentSummaryView(TypedDict):
+    """Scores of one agent of a mixed run, over its own drives."""
+
+    drives: int
+    episodes: int
+    lost: int
+    km: float
+    scores: dict[str, EstimateView]
+    scores_lost_as_zero: dict[str, EstimateView] | None
+    per_km: dict[str, EstimateView]
+    statuses: dict[str, int]
+    agent: str
+    version: int
+    submission: str
+    kind: AgentKind
+    track: str
+    egos: list[str]
+
+
+class AgentVersionView(TypedDict):
+    """A version of an agent."""
+
+    agent: str
+    version: int
+
+
 class AgentView(TypedDict):
     """A named line of submissions."""
 
@@ -35,6 +61,53 @@ class ComparisonView(TypedDict):
     difference: EstimateView
     probability: float
     verdict: Literal["<", "=", ">"]
+
+
+class CrossPlayAgentView(TypedDict):
+    """An agent of mixed runs, with its score over all of its drives in them."""
+
+    score: EstimateView
+    drives: int
+    episodes: int
+    submission: str
+    agent: str
+    version: int
+    owner: str
+    kind: AgentKind
+    track: str
+
+
+class CrossPlayCellView(TypedDict):
+    """The score of one agent in episodes with another one."""
+
+    score: EstimateView
+    drives: int
+    episodes: int
+    submission: str
+    other: str
+
+
+class CrossPlayView(TypedDict):
+    """Agents of a benchmark beside each other, in the complete mixed runs that the caller may read."""
+
+    benchmark: str
+    version: str
+    versions: list[str]
+    metric: str
+    description: str
+    runs: int
+    agents: list[CrossPlayAgentView]
+    cells: list[CrossPlayCellView]
+
+
+class DriverView(TypedDict):
+    """The agent of an ego."""
+
+    agent: str
+    version: int
+    submission: str
+    kind: AgentKind
+    track: str
 
 
 class EgoView(TypedDict):
@@ -73,7 +146,7 @@ class EstimateView(TypedDict):
 
 
 class EvaluationView(TypedDict):
-    """One submission on one version of a benchmark: a ranked run or a practice run."""
+    """One submission on one version of a benchmark, or several in a mixed run: a ranked run or a practice run."""
 
     id: str
     owner: str
@@ -81,6 +154,7 @@ class EvaluationView(TypedDict):
     version: int
     kind: AgentKind
     track: str
+    egos: dict[str, DriverView]
     benchmark: str
     benchmark_version: str
     ranking: str | None
@@ -112,8 +186,16 @@ class LeaderboardView(TypedDict):
     next: str | None
 
 
+class MeetingView(TypedDict):
+    """Two agents of a mixed run that drove in the same episodes."""
+
+    agents: list[AgentVersionView]
+    episodes: int
+    collisions: int
+
+
 class MetricsView(TypedDict):
-    """An evaluation as a whole, by cell and by drive."""
+    """An evaluation as a whole, by cell and by drive; a mixed run also by agent."""
 
     evaluation: str
     agent: str
@@ -122,6 +204,8 @@ class MetricsView(TypedDict):
     benchmark_sha256: str
     seeds: list[int]
     all: SummaryView
+    agents: list[AgentSummaryView]
+    meetings: list[MeetingView]
     cells: dict[str, SummaryView]
     drives: list[dict[str, Any]]
 

@@ -28,6 +28,7 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.answers import (
     AgentView,
     ComparedView,
+    CrossPlayView,
     EpisodeView,
     EvaluationView,
     LeaderboardView,
@@ -142,11 +143,13 @@ class AsyncClient:
         act_deadline_s: float | None = None,
         ranked: bool = False,
         ranking: str | None = None,
+        egos: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> EvaluationView:
         """Queues an evaluation, by default a practice run of the latest version with the benchmark's seeds.
 
         A ranked run may enter a board, counts against a quota, and takes all conditions from its ranking: that of
-        `ranking`, a phase of a challenge, or the benchmark's open one.
+        `ranking`, a phase of a challenge, or the benchmark's open one. In a mixed run `egos` names the agents of single
+        egos, such as {"west-1": {"agent": "mbappe", "version": 2}}, and `agent` drives the others.
         """
         body = {
             "agent": agent,
@@ -157,6 +160,7 @@ class AsyncClient:
             "act_deadline_s": act_deadline_s,
             "ranked": ranked,
             "ranking": ranking,
+            "egos": egos or None,
         }
         return await self._json(EvaluationView, Call("POST", "/v1/evaluations", body=body))
 
@@ -236,6 +240,11 @@ class AsyncClient:
         what = {"benchmark": benchmark, "version": version, "track": track, "ranking": ranking}
         query = what | {"limit": limit, "after": after}
         return await self._json(LeaderboardView, Call("GET", "/v1/leaderboard", query))
+
+    async def cross_play(self, benchmark: str, *, version: str | None = None) -> CrossPlayView:
+        """Score of each agent beside each other one in mixed runs."""
+        path = path_of("benchmarks", benchmark, "cross-play")
+        return await self._json(CrossPlayView, Call("GET", path, {"version": version}))
 
     async def comparison(self, evaluation_ids: Sequence[str]) -> ComparedView:
         """Evaluations of one benchmark version side by side."""

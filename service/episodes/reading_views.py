@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from dohyo.service.episodes.views import EpisodeView
+from dohyo.service.evaluations.views import DriverView
 from dohyo.service.web.views import Version, View
 
 
@@ -39,6 +40,10 @@ class EpisodeDetail(EpisodeView):
 
     agent: Annotated[str, Field(description="Name of the agent.")]
     agent_version: Annotated[int, Field(description="Version of the agent.")]
+    egos: Annotated[
+        dict[str, DriverView],
+        Field(description="Agents of single egos of a mixed run; empty: the agent drives all of them."),
+    ]
     benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
     rules: Annotated[str | None, Field(description="Of the driving score; null where no car is driven.")]

@@ -43,6 +43,7 @@ from dohyo.service.errors import ConflictError, UnauthorisedError
 from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
+from dohyo.service.evaluations.views import view_egos
 from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.caching import Cached, Identified, already_has, immutable
@@ -69,6 +70,7 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
         **view_episode(episode, told=told, hidden=evaluation.hides_drives).model_dump(),
         agent=evaluation.submission.agent.name,
         agent_version=evaluation.submission.version,
+        egos=view_egos(evaluation),
         benchmark=version.name,
         benchmark_version=version.sha256,
         rules=benchmark.rules if isinstance(benchmark, Benchmark) else None,

@@ -10,12 +10,13 @@ from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.service.boards.leaderboard import Entry
 from dohyo.service.evaluations.scoring import Drive, estimate, scores_of, summarise_drives
+from dohyo.service.mixed_runs.by_agent import agents_document, drivers_of, meetings_document
 
 _LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
 
 
 def as_document(entry: Entry) -> dict[str, Any]:
-    """Summary of all drives and of each cell, then the drives themselves. Plain JSON."""
+    """Summary of all drives and of each cell, in a mixed run also of each agent, then the drives. Plain JSON."""
     return {
         "evaluation": entry.evaluation,
         "agent": entry.agent,
@@ -25,16 +26,34 @@ def as_document(entry: Entry) -> dict[str, Any]:
         "seeds": list(entry.seeds),
         "all": summarise_drives(entry.drives, sum(entry.lost.values())),
         "cells": {cell: summarise_drives(drives, entry.lost.get(cell, 0)) for cell, drives in cells_of(entry).items()},
-        "drives": [_drive(drive) for drive in entry.drives],
+        "agents": agents_document(entry),
+        "meetings": meetings_document(entry),
+        "drives": [_drive(entry, drive) for drive in entry.drives],
     }
 
 
 def as_csv(entry: Entry) -> str:
-    """A row per drive, one per cell, and one for all; the column `row` says which. A cell's scores have intervals."""
+    """A row per drive, one per cell, in a mixed run one per agent, and one for all; the column `row` says which.
+
+    Scores of several drives have intervals.
+    """
     kinds = [kind.value for kind in InfractionKind]
     names = scores_of(entry.drives)
     scores = [f"{name}{end}" for name in names for end in ("", "_low", "_high")]
-    header = ["row", "cell", "scenario", "seed", "ego", "episode", "status", "drives", *_LENGTHS, *scores, *kinds]
+    header = [
+        "row",
+        "cell",
+        "scenario",
+        "seed",
+        "ego",
+        "agent",
+        "episode",
+        "status",
+        "drives",
+        *_LENGTHS,
+        *scores,
+        *kinds,
+    ]
     return csv_text(header, _rows(entry, names, kinds))
 
 
@@ -48,29 +67,47 @@ def cells_of(entry: Entry) -> dict[str, list[Drive]]:
 
 def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[list[object]]:
     for drive in entry.drives:
-        who = ["drive", drive.cell, drive.scenario, drive.seed, drive.facts["name"], drive.episode, drive.status.value]
+        who: list[object] = [
+            "drive",
+            drive.cell,
+            drive.scenario,
+            drive.seed,
+            drive.ego,
+            entry.driver_of(drive.ego).name,
+        ]
+        who += [drive.episode, drive.status.value]
         scores = [value for name in names for value in (_finite(drive.score(name)), None, None)]
         counts = [drive.facts["infractions"].get(kind, 0) for kind in kinds]
         yield [*who, 1, *(drive.facts[name] for name in _LENGTHS), *scores, *counts]
     for cell, drives in cells_of(entry).items():
         yield _group("cell", cell, drives, names, kinds)
+    for driver in drivers_of(entry) if entry.others else ():
+        own = [drive for drive in entry.drives if entry.driver_of(drive.ego) == driver]
+        yield _group("agent", None, own, names, kinds, agent=driver.name)
     yield _group("all", None, entry.drives, names, kinds)
 
 
 def _group(
-    row: str, cell: str | None, drives: Sequence[Drive], names: Sequence[str], kinds: Sequence[str]
+    row: str,
+    cell: str | None,
+    drives: Sequence[Drive],
+    names: Sequence[str],
+    kinds: Sequence[str],
+    agent: str | None = None,
 ) -> list[object]:
     estimates = [estimate(name, drives) for name in names]
     scores = [value for one in estimates for value in (one.mean, one.low, one.high)]
     sums = [sum(drive.facts[name] for drive in drives) for name in _LENGTHS]
     counts = [sum(drive.facts["infractions"].get(kind, 0) for drive in drives) for kind in kinds]
-    return [row, cell, None, None, None, None, None, len(drives), *sums, *scores, *counts]
+    return [row, cell, None, None, None, agent, None, None, len(drives), *sums, *scores, *counts]
 
 
 def _finite(score: float) -> float | None:
     return score if math.isfinite(score) else None
 
 
-def _drive(drive: Drive) -> dict[str, Any]:
-    place = {"episode": drive.episode, "scenario": drive.scenario, "cell": drive.cell, "seed": drive.seed}
+def _drive(entry: Entry, drive: Drive) -> dict[str, Any]:
+    driver = entry.driver_of(drive.ego)
+    place: dict[str, Any] = {"agent": driver.agent, "version": driver.version}
+    place |= {"episode": drive.episode, "scenario": drive.scenario, "cell": drive.cell, "seed": drive.seed}
     return {**place, **drive.facts}

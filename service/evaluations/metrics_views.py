@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from dohyo.service.submissions.model import AgentKind
 from dohyo.service.web.views import Version, View
 
 
@@ -37,8 +38,36 @@ class SummaryView(View):
     statuses: dict[str, int]
 
 
+class AgentSummaryView(SummaryView):
+    """Scores of one agent of a mixed run, over its own drives."""
+
+    agent: Annotated[str, Field(description="Name of the agent.")]
+    version: Annotated[int, Field(description="Of the agent.")]
+    submission: Annotated[str, Field(description="Identifier of the submission.")]
+    kind: Annotated[AgentKind, Field(description="Kind of the submission.")]
+    track: Annotated[str, Field(description="Which sensors the agent may use.")]
+    egos: Annotated[list[str], Field(description="Egos that it drove.")]
+
+
+class AgentVersionView(View):
+    """A version of an agent."""
+
+    agent: Annotated[str, Field(description="Name of the agent.")]
+    version: Annotated[int, Field(description="Of the agent.")]
+
+
+class MeetingView(View):
+    """Two agents of a mixed run that drove in the same episodes."""
+
+    agents: Annotated[list[AgentVersionView], Field(description="The two.")]
+    episodes: Annotated[int, Field(description="Episodes with egos of both.")]
+    collisions: Annotated[
+        int, Field(description="Collisions between their egos; one counts twice where both egos moved.")
+    ]
+
+
 class MetricsView(View):
-    """An evaluation as a whole, by cell and by drive."""
+    """An evaluation as a whole, by cell and by drive; a mixed run also by agent."""
 
     evaluation: str
     agent: str
@@ -46,7 +75,11 @@ class MetricsView(View):
     benchmark: str
     benchmark_sha256: Version
     seeds: list[int]
-    all: SummaryView
+    all: Annotated[SummaryView, Field(description="Over all drives, in a mixed run those of all agents.")]
+    agents: Annotated[
+        list[AgentSummaryView], Field(description="Each agent of a mixed run; empty: one agent drove all egos.")
+    ]
+    meetings: Annotated[list[MeetingView], Field(description="Agents of a mixed run that met.")]
     cells: dict[str, SummaryView]
     drives: Annotated[list[dict[str, Any]], Field(description="Scores and counts of each drive.")]
 

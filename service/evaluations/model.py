@@ -82,7 +82,8 @@ class Evaluation(Base):
     """One submission on one benchmark version. `announced` is the end that was announced to webhooks.
 
     A run with a `ranking_id` is *ranked*, and its conditions are the ranking's; one without is *practice*. `team_id` is
-    the team that the run was ordered for, in a phase of a challenge.
+    the team that the run was ordered for, in a phase of a challenge. A run with `egos` is *mixed*: other submissions
+    drive them, and the evaluation's own drives all other egos.
 
     The seeds of remote agents follow from `agent_secret`, which no answer shows.
     """
@@ -109,11 +110,30 @@ class Evaluation(Base):
     submission: Mapped[Submission] = relationship(lazy="joined")
     benchmark: Mapped[BenchmarkVersion] = relationship()
     ranking: Mapped[Ranking | None] = relationship()
+    egos: Mapped[list[EvaluationEgo]] = relationship(
+        lazy="selectin", order_by="EvaluationEgo.ego", cascade="all, delete-orphan"
+    )
+
+    @property
+    def mixed(self) -> bool:
+        """Whether its egos have different agents."""
+        return bool(self.egos)
 
     @property
     def hides_drives(self) -> bool:
         """Whether answers hide which episode is driven, since a worker of the remote agent could read them."""
         return self.submission.kind is AgentKind.REMOTE and not self.status.finished
+
+
+class EvaluationEgo(Base):
+    """An ego of a mixed run, in every scenario, that another submission drives than the evaluation's own."""
+
+    __tablename__ = "evaluation_egos"
+
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"), primary_key=True)
+    ego: Mapped[str] = mapped_column(String(100), primary_key=True)
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submissions.id"), index=True)
+    submission: Mapped[Submission] = relationship(lazy="joined")
 
 
 class Episode(Base):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
+from types import MappingProxyType
 from typing import Any
 
-from sqlalchemy import ColumnElement, func, select, update
+from sqlalchemy import ColumnElement, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.benchmarks.catalog import AnyBenchmark, AnyScenario
@@ -18,6 +19,7 @@ from dohyo.service.evaluations.model import (
     Episode,
     EpisodeStatus,
     Evaluation,
+    EvaluationEgo,
     EvaluationStatus,
 )
 from dohyo.service.submissions.model import Agent, Submission
@@ -51,6 +53,7 @@ def add_evaluation(
     act_deadline_s: float,
     ranking_id: str | None = None,
     team_id: str | None = None,
+    others: Mapping[str, Submission] = MappingProxyType({}),
 ) -> Evaluation:
     """Queues an evaluation with all its episodes.
 
@@ -65,6 +68,7 @@ def add_evaluation(
         act_deadline_s: Wall-clock time for one decision.
         ranking_id: Ranking that the run enters; None in practice.
         team_id: Team that the run counts for; None outside of challenges.
+        others: Submissions that drive single egos of a mixed run, by ego.
     """
     evaluation = Evaluation(
         id=new_id("ev"),
@@ -77,6 +81,7 @@ def add_evaluation(
         status=EvaluationStatus.QUEUED,
         slow_policy=slow_policy,
         act_deadline_s=act_deadline_s,
+        egos=[EvaluationEgo(ego=ego, submission_id=other.id) for ego, other in others.items()],
     )
     session.add(evaluation)
     session.flush()
@@ -130,17 +135,18 @@ def list_evaluations(
     Args:
         session: To read in.
         seen: Condition that all must meet, see `dohyo.service.evaluations.access.seen_by`.
-        agent: Only evaluations of the agent of this name.
+        agent: Only evaluations in which the agent of this name drives, be it a single ego of a mixed run.
         benchmark: Only evaluations on versions of the benchmark of this name.
         status: Only evaluations of this status.
         ranking: Only runs of the ranking of this identifier.
         limit: Largest number of results.
         after: Identifier of an evaluation; an unknown one gives none.
     """
-    query = select(Evaluation).join(Submission, Submission.id == Evaluation.submission_id)
-    query = newest_first(session, query.where(seen), Evaluation, limit, after)
+    query = newest_first(session, select(Evaluation).where(seen), Evaluation, limit, after)
     if agent is not None:
-        query = query.join(Agent, Agent.id == Submission.agent_id).where(Agent.name == agent)
+        own = select(Submission.id).join(Agent, Agent.id == Submission.agent_id).where(Agent.name == agent)
+        mixed = select(EvaluationEgo.evaluation_id).where(EvaluationEgo.submission_id.in_(own))
+        query = query.where(or_(Evaluation.submission_id.in_(own), Evaluation.id.in_(mixed)))
     if benchmark is not None:
         query = query.join(BenchmarkVersion, BenchmarkVersion.sha256 == Evaluation.benchmark_sha256)
         query = query.where(BenchmarkVersion.name == benchmark)

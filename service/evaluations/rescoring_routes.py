@@ -49,7 +49,11 @@ async def rescore_evaluations(
 
 
 def _rescored(order: RescoringOrder, caller: Caller, services: Services, readers: Readers) -> Response:
-    _, version = evaluation_for(services, caller, order.evaluation, Aspect.RECORDS)
+    evaluation, version = evaluation_for(services, caller, order.evaluation, Aspect.RECORDS)
+    if evaluation.mixed:
+        raise ConflictError(
+            f"evaluation '{order.evaluation}' is a mixed run: fetch its records, and `dohyo score` them"
+        )
     with services.database.reading() as session:
         episodes = reading.recorded_episodes(session, order.evaluation)
     if not episodes:

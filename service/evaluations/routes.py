@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
@@ -17,7 +16,7 @@ from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark
 from dohyo.evaluation.parking.lot_files import LotsManifest
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.running.manifest import Manifest
+from dohyo.evaluation.running.manifest import Manifest, manifest_of
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.benchmarks.catalog import AnyBenchmark, check_agent, find_benchmark, read_benchmark
 from dohyo.service.boards.model import Ranking
@@ -30,6 +29,7 @@ from dohyo.service.errors import BusyError, ConflictError, ForbiddenError, NotFo
 from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.orders import EvaluationOrder, others_of
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
@@ -44,68 +44,6 @@ from dohyo.service.web.views import Page
 from dohyo.sumo_networks.scenario import content_hash
 
 router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=StrictRoute)
-
-MOST_SEEDS = 100
-
-Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
-
-
-class EvaluationOrder(BaseModel):
-    """The order of a run: an agent and a benchmark; for a practice run also seeds and conditions.
-
-    A ranked run takes seeds, deadline and slow policy from its ranking, and counts against the entrant's quota.
-    """
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={
-            "examples": [
-                {"agent": "team-blue-mpc", "benchmark": "quickstart", "ranked": True},
-                {"agent": "team-blue-mpc", "benchmark": "quickstart", "seeds": [0, 1, 2]},
-            ]
-        },
-    )
-
-    agent: Annotated[str, Field(min_length=1, max_length=100, description="Name of the agent.")]
-    version: Annotated[int | None, Field(ge=1, le=2**31 - 1, description="Of the agent; default: the latest.")] = None
-    benchmark: Annotated[str, Field(min_length=1, max_length=100, description="Name of the benchmark.")]
-    ranked: Annotated[
-        bool, Field(description="Whether the run may enter a board; a practice run never does, whatever its score.")
-    ] = False
-    ranking: Annotated[
-        str | None,
-        Field(
-            min_length=1,
-            max_length=40,
-            description="The phase of a challenge that a ranked run enters; default: the benchmark's open ranking.",
-        ),
-    ] = None
-    seeds: Annotated[
-        list[Seed] | None,
-        Field(min_length=1, max_length=MOST_SEEDS, description="Of a practice run; default: the benchmark's."),
-    ] = None
-    slow_policy: Annotated[
-        Literal["wait", "realtime"] | None,
-        Field(description="Of a practice run: whether the simulation waits for a remote agent; default: wait."),
-    ] = None
-    act_deadline_s: Annotated[
-        float | None,
-        Field(gt=0, le=600, description="Of a practice run: wall-clock time for one decision; default: the service's."),
-    ] = None
-
-    @field_validator("ranking")
-    @classmethod
-    def _only_ranked(cls, given: str | None, info: ValidationInfo) -> str | None:
-        if given is not None and not info.data.get("ranked"):
-            raise ValueError("expected `ranked: true` beside a ranking")
-        return given
-
-    @field_validator("seeds", "slow_policy", "act_deadline_s")
-    @classmethod
-    def _only_practice(cls, given: object, info: ValidationInfo) -> object:
-        if given is not None and info.data.get("ranked"):
-            raise ValueError("expected nothing in a ranked run, whose ranking fixes it")
-        return given
 
 
 @router.post("", status_code=201, responses=problems(403, 404, 409, 413, 507))
@@ -197,8 +135,10 @@ def get_evaluation_manifest(
         require(session, caller, evaluation, Aspect.RECORDS)
         benchmark, sha256 = read_benchmark(evaluation.benchmark.document), evaluation.benchmark_sha256
         agent = AgentInfo.model_validate(evaluation.submission.info)
+        others = {one.ego: AgentInfo.model_validate(one.submission.info) for one in evaluation.egos}
     if isinstance(benchmark, Benchmark):
-        return Manifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
+        names = [mission.name for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
+        return manifest_of({name: others.get(name, agent) for name in names}, benchmark, sha256)
     if isinstance(benchmark, ParkingBenchmark):
         return LotsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
     return MorningsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
@@ -308,6 +248,7 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
     plan = _ranked_plan(order, submission, services) if order.ranked else _practice_plan(order, services)
     check_agent(submission.info, plan.benchmark)
     with services.database.reading() as session:
+        others = others_of(session, caller, order, submission, plan.benchmark)
         _check_room(session, services, caller.owner, plan.benchmark.size * len(plan.seeds))
     scenarios = plan.benchmark.scenarios(plan.seeds)
     _refuse_while_ending(services)  # the client may have disconnected
@@ -330,6 +271,7 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
             act_deadline_s=plan.act_deadline_s,
             ranking_id=plan.ranking_id,
             team_id=team,
+            others=others,
         )
         remember(session, caller.owner, key, request, evaluation.id)
         return _views(session, caller, [evaluation])[0]

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from dohyo.evaluation.freeway.morning import LOWER_IS_BETTER, PLANNER, MorningRecord
+from dohyo.evaluation.meetings import hits_of
 from dohyo.evaluation.parking.benchmark import LOT
 from dohyo.evaluation.parking.record import Ending, ParkingRecord
 from dohyo.evaluation.parking.result import MEASURES, LotCounts, count_karts, estimate_measure
@@ -66,6 +67,7 @@ class Drive:
         cell: Of the benchmark.
         seed: Of the scenario.
         facts: One of the summary's egos, see `summary_of`.
+        record_hash: Content hash of the episode's record.
     """
 
     episode: str
@@ -73,11 +75,17 @@ class Drive:
     cell: str
     seed: int
     facts: Mapping[str, Any]
+    record_hash: str | None = None
 
     @property
     def key(self) -> tuple[str, int, str]:
         """Scenario, seed and ego: drives of two agents with the same key are comparable."""
-        return self.scenario, self.seed, self.facts["name"]
+        return self.scenario, self.seed, self.ego
+
+    @property
+    def ego(self) -> str:
+        """Name of the ego."""
+        return str(self.facts["name"])
 
     @property
     def status(self) -> Status:
@@ -147,16 +155,20 @@ def summary_of(
     Returns:
         `egos`, one per mission: name, status, success, scores in percent (`ip` in [0, 1]), infractions counted by kind,
         `marks` (each infraction's kind, time and place), metres and seconds, `closed_loop` where it has that score, by
-        the names in `CLOSED_LOOP_SCORES`; `decision_ms`: the slowest ego's p50, p95,
-        p99, None where the record has no timing; `wall_s`.
+        the names in `CLOSED_LOOP_SCORES`, `hits`: its collisions by other ego, where there are some; `decision_ms`: the
+        slowest ego's p50, p95, p99, None where the record has no timing; `wall_s`.
 
     Raises:
         InvalidInputError: If a number of the record is not finite.
     """
     timing = record.timing
     decisions: list[tuple[float, float, float]] = [*timing.decision_ms.values()] if timing else []
+    hits = hits_of(record)
     return {
-        "egos": [_ego(ego, rules) | _closed_loop(closed_loop.get(ego.name)) for ego in record.egos],
+        "egos": [
+            _ego(ego, rules) | _closed_loop(closed_loop.get(ego.name)) | _hits(hits.get(ego.name))
+            for ego in record.egos
+        ],
         "decision_ms": [*max(decisions, key=lambda one: one[2])] if decisions else None,
         "wall_s": timing.wall_s if timing else None,
     }
@@ -288,6 +300,10 @@ def _closed_loop(terms: ClosedLoop | None) -> dict[str, Any]:
     if terms is None:
         return {}
     return {"closed_loop": {"closed_loop": terms.score} | {name: 100.0 * getattr(terms, name) for name in TERMS}}
+
+
+def _hits(others: Mapping[str, int] | None) -> dict[str, Any]:
+    return {"hits": dict(others)} if others else {}
 
 
 def _mark(one: Infraction) -> dict[str, Any]:

@@ -24,8 +24,18 @@ class Progress(View):
     cancelled: Annotated[int, Field(description="Episodes that were cancelled before they ended.")] = 0
 
 
+class DriverView(View):
+    """The agent of an ego."""
+
+    agent: Annotated[str, Field(description="Name of the agent.")]
+    version: Annotated[int, Field(description="Of the agent.")]
+    submission: Annotated[str, Field(description="Identifier of the submission.")]
+    kind: Annotated[AgentKind, Field(description="Kind of the submission.")]
+    track: Annotated[str, Field(description="Which sensors the agent may use.")]
+
+
 class EvaluationView(View):
-    """One submission on one version of a benchmark: a ranked run or a practice run."""
+    """One submission on one version of a benchmark, or several in a mixed run: a ranked run or a practice run."""
 
     id: Annotated[str, Field(description="Identifier.", examples=["ev-9f86d081884c7d65"])]
     owner: Annotated[str, Field(description="Owner of the run.")]
@@ -33,6 +43,10 @@ class EvaluationView(View):
     version: Annotated[int, Field(description="Of the agent.")]
     kind: Annotated[AgentKind, Field(description="Kind of the submission.")]
     track: Annotated[str, Field(description="Which sensors the agent may use.")]
+    egos: Annotated[
+        dict[str, DriverView],
+        Field(description="Agents of single egos of a mixed run; empty: the agent drives all of them."),
+    ]
     benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
     ranking: Annotated[str | None, Field(description="Ranking that the run enters; null: a practice run.")]
@@ -48,6 +62,20 @@ class EvaluationView(View):
     created: Moment
     started: Annotated[datetime | None, Field(description="Start of its first episode.")]
     finished: Annotated[datetime | None, Field(description="End of its last episode.")]
+
+
+def view_egos(evaluation: Evaluation) -> dict[str, DriverView]:
+    """Agents of the egos that the evaluation's own does not drive."""
+    return {
+        one.ego: DriverView(
+            agent=one.submission.agent.name,
+            version=one.submission.version,
+            submission=one.submission_id,
+            kind=one.submission.kind,
+            track=one.submission.track,
+        )
+        for one in evaluation.egos
+    }
 
 
 def view_evaluation(
@@ -71,6 +99,7 @@ def view_evaluation(
         version=submission.version,
         kind=submission.kind,
         track=submission.track,
+        egos=view_egos(evaluation),
         benchmark=benchmark,
         benchmark_version=evaluation.benchmark_sha256,
         ranking=evaluation.ranking_id,

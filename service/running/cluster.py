@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +62,7 @@ class Cluster:
             remote = self._ray.remote(num_cpus=1, max_restarts=0)(PolicyStation)
             self._station = remote.remote(tuple(sys.path), os.environ.get(THREADS))
         try:
-            record, columns = self._ray.get(self._station.drive_order.remote(order, _policy_of(order)))
+            record, columns = self._ray.get(self._station.drive_order.remote(order, _policies_of(order)))
         except self._ray.exceptions.RayError as error:
             cause = getattr(error, "cause", None)
             if isinstance(cause, InvalidInputError):
@@ -82,28 +82,27 @@ class PolicyStation(Station):
         os.environ[FOLDER_VARIABLE] = self._policies.name
         super().__init__(search_path, threads)
 
-    def drive_order(
-        self, order: EpisodeOrder, policy: tuple[str, bytes] | None
-    ) -> tuple[EpisodeRecord, dict[str, Any]]:
+    def drive_order(self, order: EpisodeOrder, policies: Mapping[str, bytes]) -> tuple[EpisodeRecord, dict[str, Any]]:
         """Drives one order; see `Station.drive`.
 
         Args:
             order: Order to drive.
-            policy: File name and content of the uploaded policy, if one drives.
+            policies: Content of each uploaded policy that drives, by its file name.
 
         Raises:
             InvalidInputError: The agent's code on this machine differs from the submitted one.
         """
-        if policy is not None:
-            Path(self._policies.name, policy[0]).write_bytes(policy[1])
+        for name, content in policies.items():
+            Path(self._policies.name, name).write_bytes(content)
         return self.drive(checked_job(order))
 
 
-def _policy_of(order: EpisodeOrder) -> tuple[str, bytes] | None:
-    if order.info.entry != ENTRY:
-        return None
-    path = Path(os.environ[FOLDER_VARIABLE], f"{order.info.settings['sha256']}.onnx")
+def _policies_of(order: EpisodeOrder) -> dict[str, bytes]:
+    """Content of each uploaded policy that drives an ego, by its file name."""
+    infos = [info for info in order.infos.values() if info.entry == ENTRY]
+    paths = {Path(os.environ[FOLDER_VARIABLE], f"{info.settings['sha256']}.onnx") for info in infos}
     try:
-        return path.name, path.read_bytes()
+        return {path.name: path.read_bytes() for path in paths}
     except OSError as error:
-        raise InvalidInputError(f"policy '{path.name}' cannot be read: {error.strerror}") from error
+        name = Path(str(error.filename)).name
+        raise InvalidInputError(f"policy '{name}' cannot be read: {error.strerror}") from error

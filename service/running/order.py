@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import Field
+
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.freeway.morning import MorningScenario
@@ -26,6 +28,7 @@ class EpisodeOrder(Config):
     Attributes:
         scenario: Scenario to drive, a morning on the freeway to plan, or a lot to park in.
         info: Agent, as its record will name it.
+        others: Agents of single egos of a mixed run, by ego; `info` drives all other egos.
         benchmark: Name and content hash.
         directory: Folder for the record.
         stem: File name of the record without suffix.
@@ -38,6 +41,7 @@ class EpisodeOrder(Config):
 
     scenario: Scenario | MorningScenario | LotScenario
     info: AgentInfo
+    others: dict[str, AgentInfo] = Field(default_factory=dict)
     benchmark: tuple[str, str]
     directory: Path
     stem: str
@@ -105,6 +109,11 @@ class EpisodeOrder(Config):
         return self.info.name
 
     @property
+    def infos(self) -> dict[str, AgentInfo]:
+        """Agent of each ego."""
+        return {ego: self.others.get(ego, self.info) for ego in self.egos}
+
+    @property
     def job(self) -> Job:
         """The order as a job of `dohyo.evaluation.running.executors`.
 
@@ -113,8 +122,7 @@ class EpisodeOrder(Config):
         """
         if not isinstance(self.scenario, Scenario):
             raise InvalidInputError(f"expected an episode on roads, got a {self.scenario.name}")
-        infos = dict.fromkeys(self.egos, self.info)
-        return Job(self.scenario, infos, self.benchmark, self.directory, self.stem, self.act_deadline_s)
+        return Job(self.scenario, self.infos, self.benchmark, self.directory, self.stem, self.act_deadline_s)
 
 
 def agent_seed(secret: str, position: int) -> int:
@@ -129,21 +137,28 @@ def agent_seed(secret: str, position: int) -> int:
 
 
 def checked_job(order: EpisodeOrder) -> Job:
-    """An order's job, its agent's entry resolved.
+    """An order's job, the entries of its agents resolved.
 
     Raises:
         InvalidInputError: The installed code differs from the submitted code, so the record would be wrong.
     """
-    entry = resolve(order.info.entry)
-    if order.info.source_sha256:
-        agent = make_agent(entry, order.info.settings)
+    job = order.job
+    submitted = {info.model_dump_json(): info for info in job.infos.values()}
+    checked = {document: _checked(info) for document, info in submitted.items()}
+    return replace(job, infos={ego: checked[info.model_dump_json()] for ego, info in job.infos.items()})
+
+
+def _checked(info: AgentInfo) -> AgentInfo:
+    """A submitted agent, its entry resolved, after a comparison with the installed code."""
+    entry = resolve(info.entry)
+    if info.source_sha256:
+        agent = make_agent(entry, info.settings)
         try:
-            there = agent_info(agent, entry, order.info.settings)
+            there = agent_info(agent, entry, info.settings)
         finally:
             agent.close()
-        if (there.source_sha256, there.files_sha256) != (order.info.source_sha256, order.info.files_sha256):
+        if (there.source_sha256, there.files_sha256) != (info.source_sha256, info.files_sha256):
             raise InvalidInputError(
-                f"agent '{order.info.name}': its code has changed since it was submitted; submit it again"
+                f"agent '{info.name}': its code has changed since it was submitted; submit it again"
             )
-    info = order.info.model_copy(update={"entry": entry})
-    return replace(order.job, infos=dict.fromkeys(order.egos, info))
+    return info.model_copy(update={"entry": entry})

@@ -40,6 +40,7 @@ class Orders:
         order = EpisodeOrder(
             scenario=scenarios[ticket.position],
             info=AgentInfo.model_validate(ticket.info),
+            others={ego: AgentInfo.model_validate(info) for ego, info in ticket.others.items()},
             benchmark=ticket.benchmark,
             directory=staged_folder(self._settings, ticket.evaluation_id).resolve(),
             stem=ticket.stem,

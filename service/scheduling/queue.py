@@ -57,6 +57,7 @@ class Ticket:
         attempt: Number of the attempt, from 1.
         used_up: Whether earlier attempts have used up those of the submission.
         info: AgentInfo of the submission, as a document.
+        others: The same of the submissions that drive single egos of a mixed run, by ego.
         benchmark: Name and content hash of the benchmark.
         document: Document of the benchmark.
         seeds: Seeds of the evaluation.
@@ -72,6 +73,7 @@ class Ticket:
     attempt: int
     used_up: bool
     info: dict[str, Any]
+    others: dict[str, dict[str, Any]]
     benchmark: tuple[str, str]
     document: dict[str, Any]
     seeds: tuple[int, ...]
@@ -259,6 +261,7 @@ def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting, used_up: 
         attempt=episode.attempts,
         used_up=used_up,
         info=submission.info,
+        others={one.ego: one.submission.info for one in evaluation.egos},
         benchmark=(evaluation.benchmark.name, evaluation.benchmark_sha256),
         document=evaluation.benchmark.document,
         seeds=tuple(evaluation.seeds),

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import ColumnElement, delete, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.errors import ConflictError
-from dohyo.service.evaluations.model import Attempt, Episode, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import Attempt, Episode, Evaluation, EvaluationEgo, EvaluationStatus
 from dohyo.service.settings import Settings
 from dohyo.service.storage.files import file_lock
 from dohyo.service.submissions.model import Submission
@@ -33,8 +33,9 @@ def delete_evaluation(session: Session, evaluation: Evaluation) -> list[str]:
     """
     if evaluation.ranking_id is not None:
         raise ConflictError(f"evaluation '{evaluation.id}' is ranked: ranked runs stay for ever")
+    drivers = [evaluation.submission_id, *(one.submission_id for one in evaluation.egos)]
     alike = (
-        Evaluation.submission_id == evaluation.submission_id,
+        _driven_by(drivers),
         Evaluation.benchmark_sha256 == evaluation.benchmark_sha256,
         Evaluation.status.in_(UNFINISHED),
     )
@@ -50,7 +51,7 @@ def delete_evaluation(session: Session, evaluation: Evaluation) -> list[str]:
 
 
 def delete_submission(session: Session, submission: Submission) -> str | None:
-    """Deletes a submission that no evaluation names; its version is never given again.
+    """Deletes a submission that no evaluation names, a mixed run neither; its version is never given again.
 
     Returns:
         Hash of its policy, for `remove_policy` after the transaction; None without one.
@@ -58,11 +59,17 @@ def delete_submission(session: Session, submission: Submission) -> str | None:
     Raises:
         ConflictError: An evaluation names it.
     """
-    used = session.scalars(select(Evaluation.id).where(Evaluation.submission_id == submission.id).limit(1)).first()
+    used = session.scalars(select(Evaluation.id).where(_driven_by([submission.id])).limit(1)).first()
     if used is not None:
         raise ConflictError(f"evaluation '{used}' is of version {submission.version}; delete it first")
     session.delete(submission)
     return submission.policy_sha256
+
+
+def _driven_by(submissions: Sequence[str]) -> ColumnElement[bool]:
+    """Condition on `Evaluation`: one of the submissions drives in it, be it a single ego of a mixed run."""
+    mixed = select(EvaluationEgo.evaluation_id).where(EvaluationEgo.submission_id.in_(submissions))
+    return Evaluation.submission_id.in_(submissions) | Evaluation.id.in_(mixed)
 
 
 def retire_records(session: Session, before: datetime) -> list[str]:

@@ -7,11 +7,13 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
@@ -138,20 +140,12 @@ class Service:
         owner: str = "owner",
         slow_policy: str = "wait",
         act_deadline_s: float = 10.0,
+        others: Mapping[str, AgentInfo] = MappingProxyType({}),
     ) -> str:
-        """Queues an evaluation of an agent, which is made on the way."""
+        """Queues an evaluation of an agent, which is made on the way; so are the agents of single egos."""
         with self.database.session() as session:
-            agent = session.scalar(select(Agent).where(Agent.name == info.name))
-            if agent is None:
-                agent = Agent(id=new_id("ag"), name=info.name, owner=owner)
-                session.add(agent)
-                session.flush()
-            version = 1 + len(session.scalars(select(Submission).where(Submission.agent_id == agent.id)).all())
-            submission = Submission(
-                id=new_id("su"), agent_id=agent.id, version=version, kind=kind, track=info.track, info=info.model_dump()
-            )
-            session.add(submission)
-            session.flush()
+            submission = _submission(session, info, kind, owner)
+            drivers = {ego: _submission(session, other, kind, owner) for ego, other in others.items()}
             evaluation = add_evaluation(
                 session,
                 owner,
@@ -161,6 +155,7 @@ class Service:
                 benchmark.scenarios(seeds),
                 slow_policy=slow_policy,
                 act_deadline_s=act_deadline_s,
+                others=drivers,
             )
             return evaluation.id
 
@@ -206,6 +201,22 @@ class Service:
         record_hash = self.hashes(evaluation_id)[position]
         assert record_hash is not None
         return read_record(archived_path(self.settings, record_hash))
+
+
+def _submission(session: Session, info: AgentInfo, kind: AgentKind, owner: str) -> Submission:
+    """The next version of an agent."""
+    agent = session.scalar(select(Agent).where(Agent.name == info.name))
+    if agent is None:
+        agent = Agent(id=new_id("ag"), name=info.name, owner=owner)
+        session.add(agent)
+        session.flush()
+    version = 1 + len(session.scalars(select(Submission).where(Submission.agent_id == agent.id)).all())
+    submission = Submission(
+        id=new_id("su"), agent_id=agent.id, version=version, kind=kind, track=info.track, info=info.model_dump()
+    )
+    session.add(submission)
+    session.flush()
+    return submission
 
 
 def wait_until(true: Callable[[], bool], otherwise: str, patience_s: float = PATIENCE_S) -> None:

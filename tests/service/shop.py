@@ -31,6 +31,7 @@ from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import summary_of
 from dohyo.service.jobs.kinds import KINDS
+from dohyo.service.mixed_runs import routes as cross_play
 from dohyo.service.monitoring import routes as monitoring
 from dohyo.service.settings import Settings
 from dohyo.service.state import Broadcast, Services
@@ -58,7 +59,7 @@ class FakeScheduler:
 def routes_of_all() -> list[Any]:
     """The routes of every shop: FastAPI analyses them at the first request, which takes longer than most tests."""
     app = FastAPI()
-    for module in (comparison, episodes, leaderboard, metrics, monitoring, rescoring):
+    for module in (comparison, cross_play, episodes, leaderboard, metrics, monitoring, rescoring):
         app.include_router(module.router)
     return app.router.routes
 
@@ -96,8 +97,9 @@ class Shop:
             return {"authorization": f"Bearer {create_token(session, owner, role)[1]}"}
 
     def benchmark(self, **changes: Any) -> str:
-        """A benchmark version; its content hash."""
-        benchmark = Benchmark.model_validate(BENCHMARK | changes)
+        """A benchmark version; its content hash. A change to None takes something away."""
+        given = {key: value for key, value in (BENCHMARK | changes).items() if value is not None}
+        benchmark = Benchmark.model_validate(given)
         with self.services.database.session() as session:
             if session.get(BenchmarkVersion, benchmark.sha256) is None:
                 document = json.loads(benchmark.model_dump_json())

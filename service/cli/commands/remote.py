@@ -81,20 +81,48 @@ def start(
     seeds: Annotated[str | None, typer.Option(help="Such as 0,1,2 or 0-4; default: the benchmark's own.")] = None,
     ranked: Annotated[bool, typer.Option("--ranked", help="Enter the leaderboard; a practice run never does.")] = False,
     ranking: Annotated[str | None, typer.Option(help="Enter this phase of a challenge, such as rk-9f86d081.")] = None,
+    ego: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="MISSION=AGENT",
+            help="A mixed run: another agent for the ego of this mission, such as west-1=mbappe or west-1=mbappe@2 for "
+            "a version; repeatable.",
+        ),
+    ] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Wait for the end, and print the scores.")] = False,
     server: Server = LOCAL,
     token: Token = None,
     json: Json = False,
 ) -> None:
-    """Queues an evaluation: a practice run or a ranked one."""
+    """Queues an evaluation: a practice run, which may be mixed, or a ranked one."""
     wanted = parse_seeds(seeds) if seeds is not None else None
-    entered = ranked or ranking is not None
+    entered, egos = ranked or ranking is not None, parse_egos(ego or [])
     with Client(server, token) as client:
-        queued = client.evaluate(agent, benchmark, version=version, seeds=wanted, ranked=entered, ranking=ranking)
+        queued = client.evaluate(
+            agent, benchmark, version=version, seeds=wanted, ranked=entered, ranking=ranking, egos=egos
+        )
         if watch:
             _watch(client, queued["id"], json)
         else:
             _print(queued, json)
+
+
+def parse_egos(options: list[str]) -> dict[str, dict[str, Any]]:
+    """Agents of single egos from options such as "west-1=mbappe" and "west-1=mbappe@2".
+
+    Raises:
+        InvalidInputError: An option has another form, or an ego has two agents.
+    """
+    egos: dict[str, dict[str, Any]] = {}
+    for option in options:
+        ego, _, name = option.partition("=")
+        agent, at, version = name.partition("@")
+        if not ego or not agent or (at and not version.isdecimal()):
+            raise InvalidInputError(f"--ego '{option}': expected MISSION=AGENT or MISSION=AGENT@VERSION")
+        if ego in egos:
+            raise InvalidInputError(f"--ego '{option}': expected one agent for mission '{ego}', got two")
+        egos[ego] = {"agent": agent, "version": int(version)} if at else {"agent": agent}
+    return egos
 
 
 def show_all(
@@ -212,11 +240,25 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
 def _print_scores(state: EvaluationView, metrics: MetricsView) -> None:
     whole = metrics["all"]
     scores = {name: title for name, title in TITLES.items() if name in whole["scores"]}
-    print_rows(("score", "mean [95 %]"), [(title, _estimate(whole["scores"][name])) for name, title in scores.items()])
+    columns = {f"{one['agent']} v{one['version']}": one["scores"] for one in metrics["agents"]}
+    columns = columns or {"mean [95 %]": whole["scores"]}
+    rows = [(title, *(_estimate(one[name]) for one in columns.values())) for name, title in scores.items()]
+    print_rows(("score", *columns), rows)
+    _print_meetings(metrics)
     driven = f", {number(whole['km'])} km" if whole["km"] else ""  # lots have no routes
     console.print(f"{whole['drives']} drives{driven}; {state['id']}", highlight=False)
     if state["failure"]:
         console.print(state["failure"])
+
+
+def _print_meetings(metrics: MetricsView) -> None:
+    """Prints which agents of a mixed run drove in the same episodes."""
+    rows = [
+        (*(f"{one['agent']} v{one['version']}" for one in met["agents"]), str(met["episodes"]), str(met["collisions"]))
+        for met in metrics["meetings"]
+    ]
+    if rows:
+        print_rows(("agent", "met", "episodes", "collisions with each other"), rows)
 
 
 def _print(state: EvaluationView, json: bool) -> None:

@@ -59,7 +59,7 @@ BENCHMARKS = [
     BenchmarkView(
         name=name, version=VERSION, description=description, kind="driving", headline=Headline.DRIVING_SCORE,
         metric="driving score: RC times IP", rules="2.0",
-        networks=["ingolstadt"], cells=["all"], scenarios=6, seeds=[0, 1, 2],
+        networks=["ingolstadt"], cells=["all"], egos=[], scenarios=6, seeds=[0, 1, 2],
     )
     for name, description in (("quickstart", "Six drives through a signalised junction"), ("nocrash", "Two towns"))
 ]  # fmt: skip
@@ -130,7 +130,7 @@ class Fake:
         return EvaluationView(
             id=name, owner="lab", agent=agent, version=int(version or 1), kind=entry.kind, track=entry.track,
             benchmark="quickstart", benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0,
-            ranking="rk-0", withheld=False,
+            ranking="rk-0", withheld=False, egos={},
             status="running" if live and self.queued else "done", failure=None,
             progress={"total": len(rows)} | Counter(row.status.value for row in rows),
             created=WHEN, started=WHEN, finished=None if live else WHEN + timedelta(minutes=3),
@@ -149,8 +149,8 @@ class Fake:
             failure=None, started=WHEN, finished=WHEN,
             status="done" if not waits else "running" if name == self.queued[0] else "queued",
             record_hash=None if waits else record.record_hash, summary=None if waits else summary_of(record, "2.0"),
-            agent=record.egos[0].agent.name, agent_version=1, benchmark="quickstart", benchmark_version=VERSION,
-            rules="2.0", network=record.scenario.network,
+            agent=record.egos[0].agent.name, agent_version=1, egos={},
+            benchmark="quickstart", benchmark_version=VERSION, rules="2.0", network=record.scenario.network,
         )  # fmt: skip
 
     def infractions(self, name: str) -> InfractionsView:

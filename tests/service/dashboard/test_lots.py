@@ -39,8 +39,8 @@ def detail(number: int) -> EpisodeDetail:
     return EpisodeDetail(
         id=f"ep-{number}", evaluation="ev-lots", position=number, scenario=LOT, cell=LOT, seed=record.seed, attempts=1,
         failure=None, started=WHEN, finished=WHEN, status="done", record_hash=record.record_hash,
-        summary=scoring.summary_of_lot(record), agent="greedy", agent_version=1, benchmark="parking-three",
-        benchmark_version=VERSION, rules=None, network=None,
+        summary=scoring.summary_of_lot(record), agent="greedy", agent_version=1, egos={},
+        benchmark="parking-three", benchmark_version=VERSION, rules=None, network=None,
     )  # fmt: skip
 
 
@@ -56,7 +56,8 @@ def answers() -> dict[str, Any]:
     evaluation = EvaluationView(
         id="ev-lots", owner="lab", agent="greedy", version=1, kind="remote", track="sensors", benchmark="parking-three",
         benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0, ranking=None, withheld=False,
-        status="done", failure=None, progress={"total": 6, "done": 6}, created=WHEN, started=WHEN, finished=WHEN,
+        status="done", failure=None, egos={}, progress={"total": 6, "done": 6}, created=WHEN, started=WHEN,
+        finished=WHEN,
     )  # fmt: skip
     told = {
         "evaluations/ev-lots": evaluation.model_dump(mode="json"),

@@ -26,6 +26,7 @@ def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> Eva
         version=1,
         kind=AgentKind.REMOTE,
         track="map",
+        egos={},
         benchmark="b",
         benchmark_version="0" * 64,
         seeds=[0],

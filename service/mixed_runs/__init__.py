@@ -1,0 +1,1 @@
+"""Mixed runs: scores by agent, and all agents of a benchmark beside each other."""

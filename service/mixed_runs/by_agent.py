@@ -1,0 +1,58 @@
+"""Mixed runs by agent: the scores of each one over its own drives, and which agents met."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dohyo.evaluation.meetings import count_meetings
+from dohyo.service.boards.leaderboard import Driver, Entry
+from dohyo.service.evaluations.scoring import Drive, summarise_drives
+
+
+def drivers_of(entry: Entry) -> list[Driver]:
+    """All drivers of a run, each once, its own first."""
+    return list(dict.fromkeys([entry.driver, *entry.others.values()]))
+
+
+def agents_document(entry: Entry) -> list[dict[str, Any]]:
+    """Scores of each agent of a mixed run, as plain JSON; none of a run of one agent."""
+    if not entry.others:
+        return []
+    return [_agent(entry, driver) for driver in drivers_of(entry)]
+
+
+def meetings_document(entry: Entry) -> list[dict[str, Any]]:
+    """Every pair of agents of a mixed run with a common episode, as plain JSON; none of a run of one agent."""
+    drivers = drivers_of(entry)
+    episodes: dict[str, list[Drive]] = {}
+    for drive in entry.drives:
+        episodes.setdefault(drive.episode, []).append(drive)
+    met = count_meetings(
+        (
+            {drive.ego: drivers.index(entry.driver_of(drive.ego)) for drive in drives},
+            {drive.ego: drive.facts.get("hits", {}) for drive in drives},
+        )
+        for drives in episodes.values()
+    )
+    return [
+        {
+            "agents": [{"agent": one.agent, "version": one.version} for one in (drivers[m.agent], drivers[m.other])],
+            "episodes": m.episodes,
+            "collisions": m.collisions,
+        }
+        for m in met
+    ]
+
+
+def _agent(entry: Entry, driver: Driver) -> dict[str, Any]:
+    drives = [drive for drive in entry.drives if entry.driver_of(drive.ego) == driver]
+    lost = sum(count for ego, count in entry.lost_egos.items() if entry.driver_of(ego) == driver)
+    return {
+        "agent": driver.agent,
+        "version": driver.version,
+        "submission": driver.submission,
+        "kind": driver.kind,
+        "track": driver.track,
+        "egos": list(dict.fromkeys(drive.ego for drive in drives)),
+        **summarise_drives(drives, lost),
+    }

@@ -1,0 +1,64 @@
+"""The cross-play of a benchmark: its agents beside each other in mixed runs."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import msgspec
+from fastapi import APIRouter, Response
+
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.service.accounts.access import Caller, Reader
+from dohyo.service.boards import queries as reading
+from dohyo.service.boards.versions import VersionHash, find_version
+from dohyo.service.episodes.readers import Readers, ReadersOf
+from dohyo.service.errors import NotFoundError
+from dohyo.service.evaluations.access import Aspect, seen_by
+from dohyo.service.mixed_runs.by_agent import drivers_of
+from dohyo.service.mixed_runs.cross_play import cross_play
+from dohyo.service.mixed_runs.views import CrossPlayView
+from dohyo.service.state import Services, ServicesOf
+from dohyo.service.web.documents import Name, problems
+from dohyo.service.web.heavy import heavy_read
+
+router = APIRouter(prefix="/v1/benchmarks", tags=["leaderboard"], responses=problems(404))
+
+MOST_RUNS: Final = 100
+"""Mixed runs that are read, and runs of one agent beside them: the newest of each."""
+
+
+@router.get("/{name}/cross-play", response_model=CrossPlayView)
+@heavy_read
+def get_cross_play(
+    name: Name, caller: Reader, services: ServicesOf, readers: ReadersOf, version: VersionHash = None
+) -> Response:
+    """Headline score of each agent beside each other one, from the complete mixed runs that the caller may read.
+
+    An agent beside itself are its complete runs alone, with copies of itself in all egos. The newest 100 runs of either
+    kind count. Runs are practice: anybody can order many of them, with any seeds.
+    """
+    document = _cross_play(services, readers, caller, name, version)
+    return Response(msgspec.json.encode(document), media_type="application/json")
+
+
+def _cross_play(
+    services: Services, readers: Readers, caller: Caller, name: str, version: str | None
+) -> dict[str, object]:
+    seen = seen_by(caller, Aspect.RECORDS)
+    with services.database.reading() as session:
+        benchmark, versions = find_version(session, readers, name, version)
+        if not isinstance(benchmark, Benchmark) or not benchmark.shared_egos:
+            raise NotFoundError(f"benchmark '{name}' has no cross-play: each of its egos drives alone")
+        runs = reading.mixed_runs(session, benchmark.sha256, seen, MOST_RUNS)
+        mixed = list(reading.entries(session, runs).values())
+        met = {driver.submission for entry in mixed for driver in drivers_of(entry)}
+        alone = reading.entries(session, reading.runs_alone(session, benchmark.sha256, met, seen, MOST_RUNS)).values()
+    return {
+        "benchmark": benchmark.name,
+        "version": benchmark.sha256,
+        "versions": versions,
+        "metric": benchmark.headline,
+        "description": benchmark.metric,
+        "runs": len(mixed),
+        **cross_play(mixed, list(alone), benchmark.headline),
+    }
