@@ -39,6 +39,9 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
     An environment may have several agents (a ParallelEnv of PettingZoo): these are consecutive rows, which are reset
     together. A row whose episode has ended ignores its action until it is reset, and its reward is 0.
 
+    Rows may begin an episode while the others drive, see `reset`: their environments start at the same time, in their
+    processes. Until they begin, their observations are 0. When they begin depends on numbers of steps, never on time.
+
     Where an environment raises SimulationError or its process dies, its rows are truncated without measures and
     reported as "lost". A new environment replaces it at the next reset. Any other error ends the step or reset.
 
@@ -100,6 +103,8 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         self._arrays = self._take_arrays()
         self._set_running(np.zeros(num_envs, np.bool_))
         self._pending: list[int] | None = None
+        self._starting: dict[int, int] = {}  # environments whose reset goes on: steps until their rows begin
+        self._heard: dict[int, Any] = {}  # answers that came before they were due
         self.closed = False
 
     @abstractmethod
@@ -123,11 +128,13 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
 
         Args:
             seed: One seed or None per row, of which a group takes its first; or s for s, s + 1, ...
-            options: "reset_mask": (N,) bool, the rows to reset; the others keep their episodes and observations. All
-                other options go to the environments.
+            options: "reset_mask": (N,) bool, the rows to reset; the others keep their episodes and observations.
+                "begin_after": number of steps after which the rows begin; until then the others go on, and where none
+                does, they begin at once. All other options go to the environments.
 
         Returns:
-            Observations of all rows, and infos: "lost" (N,) is True where the reset failed.
+            Observations of all rows, and infos: "lost" (N,) is True where the reset failed; "begun" (N,) where it is
+            done. With "begin_after", a later step tells both.
 
         Raises:
             InvalidInputError: Seeds or mask have a wrong length.
@@ -135,14 +142,16 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         """
         self._check_idle()
         rest = dict(options or {})
+        after = int(rest.pop("begin_after", 0))
         asked = self._groups(row_mask(rest.pop("reset_mask", np.ones(self.num_envs, np.bool_)), self.num_envs))
         seeds, chosen = row_seeds(seed, self.num_envs), self._rows(asked)
+        self._collect([group for group in asked if self._starting.pop(group, None) is not None])
         self._set_running(self.running & ~chosen)
         for group in asked:
             self._send(group, "reset", seeds[group * self.group_size], rest or None)
-        lost = self._finish(asked)
-        self._set_running(self.running | (chosen & ~lost))
-        return self._observations(), {"lost": lost}
+            self._starting[group] = after
+        begun, lost = self._begin()
+        return self._observations(), {"lost": lost, "begun": begun}
 
     def step(self, actions: ArrayLike) -> Step:
         """Takes one step in every row whose episode has not ended.
@@ -154,7 +163,8 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             Observations (N, ...) by name, at an end the last ones of the episode; rewards (N,) float64; terminations
             (N,); truncations (N,), also True where the environment was lost; and infos: "active" (N,), whether the row
             acted; "lost" (N,), whether its environment failed; where episodes ended also "success" and the measures,
-            each (N,) and valid where "_success" and so on are True.
+            each (N,) and valid where "_success" and so on are True; and where resets go on "begun" (N,), whether the
+            row's episode has begun with these observations. A reset that failed is "lost" in a row that did not act.
 
         Raises:
             InvalidActionError: The actions have a wrong shape or are not finite; nothing has moved then.
@@ -194,6 +204,9 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         if ended.any():
             self._set_running(active & ~ended)
             infos |= self._judgement(ended & ~lost)
+        if self._starting:
+            infos["begun"], failed = self._begin(steps=1)
+            infos["lost"] = lost | failed
         return self._observations(), arrays.rewards.copy(), terminations, truncations, infos
 
     def expert_actions(self, rows: BoolArray) -> tuple[NDArray[Any], BoolArray]:
@@ -226,6 +239,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             SimulationError: An environment has not been reset, or its process has died.
         """
         self._check_idle()
+        self._heard |= self._collect(self._starting)
         groups = range(self._plan.groups)
         for group in groups:
             self._send(group, "render")
@@ -234,6 +248,19 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
             if isinstance(picture, Exception):
                 raise picture
         return tuple(pictures.values())
+
+    def _begin(self, steps: int = 0) -> tuple[BoolArray, BoolArray]:
+        """Begins the episodes whose time has come after some more steps; (N,) rows that begin, and that are lost."""
+        self._starting = {group: left - steps for group, left in self._starting.items()}
+        due = [group for group, left in self._starting.items() if left <= 0 or not self.running.any()]
+        for group in due:
+            del self._starting[group]
+        earlier = self.failures if steps else {}
+        lost = self._finish(due)
+        self.failures |= earlier
+        begun = self._rows(due) & ~lost
+        self._set_running(self.running | begun)
+        return begun, lost & self._rows(due)
 
     def _set_running(self, running: BoolArray) -> None:
         self.running, self.all_running = running, bool(running.all())
@@ -267,7 +294,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         try:
             for group in asked:
                 try:
-                    answers[group] = self._receive(group)
+                    answers[group] = self._heard.pop(group) if group in self._heard else self._receive(group)
                 except Exception as error:
                     answers[group] = error
         except BaseException:  # such as Ctrl-C: pending answers would be taken for answers to the next command
@@ -282,7 +309,7 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         arrays.terminations[:] = arrays.truncations[:] = False
         if self.group_size > 1:
             for observation in arrays.observations.values():
-                observation[~self.running] = 0
+                observation[~self.running & ~self._rows(self._starting)] = 0
 
     def _judgement(self, ended: BoolArray) -> dict[str, NDArray[Any]]:
         """Success and measures of the episodes that ended, in the form of infos."""
@@ -293,7 +320,12 @@ class RowVectorEnv(VectorEnv[Observations, Any, NDArray[Any]], ABC):
         return {name: value.copy() for name, value in values.items()} | {f"_{name}": ended for name in values}
 
     def _observations(self) -> Observations:
-        return {name: array.copy() for name, array in self._arrays.observations.items()}
+        observations = {name: array.copy() for name, array in self._arrays.observations.items()}
+        if self._starting:  # their processes may be writing
+            starting = self._rows(self._starting)
+            for observation in observations.values():
+                observation[starting] = 0
+        return observations
 
     def _groups(self, rows: BoolArray) -> list[int]:
         """Environments of which a row is in a mask."""

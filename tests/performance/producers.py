@@ -20,6 +20,8 @@ from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
 from dohyo.agents.learning.experience.collector import Collector
 
 BLOCKS, STEPS = 7, 60
+BEGIN_AFTER = 12
+"""As in `agents/gri/configs/griad.toml`."""
 STRAIGHT_ON = nearest(np.array([2.0, 0.0]))
 """The choice that accelerates and does not steer; episodes end and begin as in a training."""
 
@@ -29,7 +31,9 @@ def transitions_per_s(most: int = 2) -> dict[int, float]:
     task = DrivingTask("pictures")
     torch.set_num_threads(1)
     made = {count: task.make_environments(count, processes=True) for count in range(1, most + 1)}
-    collectors = {count: Collector(environments, task, seed=0) for count, environments in made.items()}
+    collectors = {
+        count: Collector(environments, task, seed=0, begin_after=BEGIN_AFTER) for count, environments in made.items()
+    }
     rates: dict[int, list[float]] = {count: [] for count in made}
     try:
         for block in range(BLOCKS + 1):

@@ -67,6 +67,9 @@ class Collector:
     An episode's number decides its seed. At a cut, which falls on a number of steps, every running episode is
     truncated, and all rows begin new ones: nothing of an environment has to be kept in a checkpoint.
 
+    A row may sit out some steps before it begins, while its simulation starts and the others act. It begins after a
+    number of steps, whenever the simulation is ready, so that the same run has the same steps.
+
     Attributes:
         observation: By name, (N, ...), to act on now.
         steps: Taken so far, of all rows together.
@@ -77,16 +80,17 @@ class Collector:
         group_size: Rows of one simulation, which are reset together.
     """
 
-    def __init__(self, environments: Environments, task: Task, seed: int) -> None:
+    def __init__(self, environments: Environments, task: Task, seed: int, begin_after: int = 0) -> None:
         """Prepares; the first episodes begin with the first step.
 
         Args:
             environments: See `environments.check_environments`.
             task: Of them.
             seed: Of the run.
+            begin_after: Steps that a row sits out, see the class; 0: all rows wait for the one that begins.
         """
         self._environments, self._task, self._seed = environments, task, seed
-        count = environments.num_envs
+        self._begin_after, count = begin_after, environments.num_envs
         self.group_size: int = getattr(environments, "group_size", 1)
         self._asynchronous = hasattr(environments, "step_async")
         self.observation: dict[str, Array] = {}
@@ -96,6 +100,7 @@ class Collector:
         self._finished: list[Finished] = []
         self._fresh = True  # whether all rows begin new episodes before the next step
         self._over = np.ones(count, np.bool_)  # rows whose episode has ended, while others of their group go on
+        self._starting = np.zeros(count, np.bool_)  # rows that sit out
         self._begun = np.zeros(count, np.bool_)  # rows whose episode the behaviour does not know yet
         self._numbers, self._levels = np.zeros(count, np.int64), np.zeros(count, np.int64)
         self._lengths, self._demonstrated = np.zeros(count, np.int64), np.zeros(count, np.int64)
@@ -186,8 +191,9 @@ class Collector:
             self._lose(lost)
             self._over |= ended
         if self._over.any() and not cut:
-            over = self._over.reshape(-1, self.group_size).all(axis=1)
-            self._reset(np.repeat(over, self.group_size))
+            failed = self._start(infos)
+            over = (self._over & ~self._starting).reshape(-1, self.group_size).all(axis=1)
+            self._reset(failed | np.repeat(over, self.group_size))
         self._fresh = cut
         return step
 
@@ -301,11 +307,20 @@ class Collector:
             options: dict[str, Any] = {"reset_mask": rows.copy()}
             if self._task.curriculum is not None:
                 options["level"] = self.level
+            if self._begin_after:
+                options["begin_after"] = self._begin_after
             observation, infos = self._environments.reset(seed=seeds, options=options)  # type: ignore[arg-type]
             self._see(observation)
             self._levels[rows] = self.level
             self._totals[rows], self._lengths[rows], self._demonstrated[rows] = 0.0, 0, 0
-            self._over[rows], self._begun[rows] = False, True
-            lost = rows & infos.get("lost", False)
-            self._lose(lost)
-            rows = np.repeat(lost.reshape(-1, self.group_size).any(axis=1), self.group_size)
+            self._over[rows], self._starting[rows] = True, True
+            rows = self._start(infos)
+
+    def _start(self, infos: Mapping[str, Any]) -> BoolArray:
+        """Lets the rows act whose simulation has begun; (N,) rows of those that failed, to be reset again."""
+        lost = self._starting & infos.get("lost", False)
+        begun = self._starting & infos.get("begun", True) & ~lost
+        self._over[begun], self._begun[begun] = False, True
+        self._starting &= ~(begun | lost)
+        self._lose(lost)
+        return np.repeat(lost.reshape(-1, self.group_size).any(axis=1), self.group_size)

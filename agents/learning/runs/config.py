@@ -37,6 +37,8 @@ class RunConfig(BaseRunConfig):
         steps: Environment steps; the run ends with the round that reaches them.
         processes: Environments, one process each; 0: all environments in this process.
         environments: Environments without processes.
+        begin_after: Steps that an environment in a process sits out before its next episode, while its simulation
+            starts and the others act; 0: all wait for it.
         evaluate_every: Environment steps between two evaluations on the held-out episodes.
         checkpoint_every: Environment steps between two checkpoints, which cut the running episodes.
     """
@@ -44,5 +46,6 @@ class RunConfig(BaseRunConfig):
     steps: Positive = 100_000
     processes: Annotated[int, Field(ge=0, le=64)] = 1
     environments: Positive = 1
+    begin_after: Annotated[int, Field(ge=0)] = 0
     evaluate_every: Positive = 20_000
     checkpoint_every: Positive = 20_000

@@ -113,7 +113,7 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
         held_out = task.make_environments(task.judged_at_once, processes=apart or task.alone)
         open_.callback(held_out.close)
         check_environments(environments)
-        collector = Collector(environments, task, config.seed)
+        collector = Collector(environments, task, config.seed, config.begin_after)
         session = _Session(run, task, make_learner(collector, run), collector, held_out)
         with Stop().listening() as stop:
             return session.train(stop, report)

@@ -3,10 +3,11 @@
 * `single_observation_space` is a Dict of float32 vectors (O,) and uint8 pictures (C, H, W); `single_action_space` is a
   bounded float32 vector or Discrete; `metadata["autoreset_mode"]` is DISABLED, since the collector resets.
 * `reset(seed=[...], options={"reset_mask": (N,), "level": int})` begins new episodes in the rows of the mask
-  alone, each with its own seed; "level" is given if the task has a curriculum.
+  alone, each with its own seed; "level" is given if the task has a curriculum. With "begin_after" the rows may begin
+  so many steps later, while the others act; until then they ignore their action.
 * `step` returns an episode's true last observation at its end; rows that have ended ignore their action.
-* `infos` may hold (N,) arrays: "active" (the row acted), "lost" (its simulation failed, the row must be reset), and at
-  an episode's end "success" and the task's measures.
+* `infos` may hold (N,) arrays: "active" (the row acted), "lost" (its simulation failed, the row must be reset), "begun"
+  (its episode begins with this observation), and at an episode's end "success" and the task's measures.
 * Optional: `group_size` (rows of one simulation, which are reset together), `expert_actions(rows)` -> (N, ...) actions
   and (N,) whether there is one, `step_async` and `step_wait`.
 """
@@ -78,6 +79,11 @@ class ActionRepeat(_Counted):
             raise AttributeError(name)
         return super().__getattr__(name)
 
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Reset:
+        """See `VectorEnv`. Rows begin at once: a later one would begin amid a repeated action."""
+        kept = {name: value for name, value in (options or {}).items() if name != "begin_after"}
+        return self.env.reset(seed=seed, options=kept)
+
     def step(self, actions: Array) -> Step:
         """See `VectorEnv`."""
         observation, reward, terminated, truncated, infos = self.env.step(actions)
@@ -112,12 +118,7 @@ class FrameStack(_Counted):
         """See `VectorEnv`."""
         observation, infos = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
-        rows = np.ones(self.num_envs, np.bool_) if mask is None else mask
-        for name in self._pictures:
-            tiled = np.tile(observation[name], (1, self.count, 1, 1))
-            if name in self._stacks:
-                tiled[~rows] = self._stacks[name][~rows]
-            self._stacks[name] = tiled
+        self._fill(observation, np.ones(self.num_envs, np.bool_) if mask is None else mask)
         return self._with_stacks(observation), infos
 
     def step(self, actions: Array) -> Step:
@@ -129,11 +130,21 @@ class FrameStack(_Counted):
         return self._pushed(self.env.step_wait())  # type: ignore[attr-defined]
 
     def _pushed(self, step: Step) -> Step:
-        observation, *rest = step
+        observation, *rest, infos = step
         for name in self._pictures:
             new = observation[name]
             self._stacks[name] = np.concatenate([self._stacks[name][:, new.shape[1] :], new], axis=1)
-        return self._with_stacks(observation), *rest  # type: ignore[return-value]
+        if "begun" in infos:
+            self._fill(observation, infos["begun"])
+        return self._with_stacks(observation), *rest, infos  # type: ignore[return-value]
+
+    def _fill(self, observation: dict[str, Array], rows: BoolArray) -> None:
+        """Repeats the present pictures of rows that begin."""
+        for name in self._pictures:
+            tiled = np.tile(observation[name], (1, self.count, 1, 1))
+            if name in self._stacks:
+                tiled[~rows] = self._stacks[name][~rows]
+            self._stacks[name] = tiled
 
     def _with_stacks(self, observation: dict[str, Array]) -> dict[str, Array]:
         return observation | {name: self._stacks[name] for name in self._pictures}

@@ -110,6 +110,78 @@ def test_an_episode_ends_with_its_last_observation_and_its_measures(kind: type[R
         assert infos["lost"].tolist() == [False, False]
 
 
+def test_both_kinds_begin_episodes_later_in_the_same_steps() -> None:
+    runs = []
+    for kind in KINDS:
+        with points(kind, 3) as env:
+            seen = flat(env.reset(seed=[1, 2, 3], options={"level": 0}))
+            env.reset(seed=[0, 0, 0], options={"reset_mask": np.array([False, True, True]), "level": 7})
+            for number in range(80):
+                step = env.step(np.full((3, 1), 0.01 * number % 0.25, np.float32))
+                seen += flat(step)
+                if (ended := step[2] | step[3]).any():
+                    later = {"reset_mask": ended, "begin_after": 4, "level": number % 3}
+                    seen += flat(env.reset(seed=[number] * 3, options=later))
+        runs.append(seen)
+    assert len(runs[0]) == len(runs[1])
+    assert all(np.array_equal(one, other) for one, other in zip(*runs, strict=True))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_row_begins_later_while_another_one_drives(kind: type[RowVectorEnv]) -> None:
+    later = {"begin_after": 2, "reset_mask": np.array([False, True])}
+    with points(kind) as env:
+        env.reset(seed=[LEFT, LEFT])
+        observations, infos = env.reset(seed=[None, RIGHT], options=later)
+        assert observations["observation"].tolist() == [[-1.0, 0.0], [0.0, 0.0]]
+        assert infos["begun"].tolist() == [False, False]
+        told = []
+        for _ in range(3):
+            observations, *_, infos = env.step(still(env))
+            begun = infos.get("begun", np.zeros(2, np.bool_))
+            told.append((infos["active"].tolist(), begun.tolist(), observations["observation"][1].tolist()))
+        assert told == [
+            ([True, False], [False, False], [0.0, 0.0]),
+            ([True, False], [False, True], [1.0, 0.0]),
+            ([True, True], [False, False], [1.0, 1.0]),
+        ]
+        # A row that sits out may be reset again, and nothing of the first reset is left.
+        env.reset(seed=[None, RIGHT], options=later)
+        observations, infos = env.reset(seed=[None, LEFT], options={"reset_mask": later["reset_mask"]})
+        assert observations["observation"][1].tolist() == [-1.0, 0.0]
+        assert infos["begun"].tolist() == [False, True]
+        # Pictures do not change when it begins.
+        env.reset(seed=[None, RIGHT], options=later)
+        env.render()
+        assert not env.step(still(env))[4]["begun"].any()
+        observations, *_, infos = env.step(still(env))
+        assert (observations["observation"][1].tolist(), infos["begun"].tolist()) == ([1.0, 0.0], [False, True])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_where_no_row_drives_all_begin_at_once(kind: type[RowVectorEnv]) -> None:
+    with points(kind) as env:
+        observations, infos = env.reset(seed=[LEFT, RIGHT], options={"begin_after": 9})
+        assert (observations["observation"][:, 0].tolist(), infos["begun"].tolist()) == ([-1.0, 1.0], [True, True])
+        for _ in range(LENGTH - 1):
+            env.step(still(env))
+        env.reset(seed=[LEFT, LEFT], options={"begin_after": 9, "reset_mask": np.array([False, True])})
+        *_, truncated, infos = env.step(still(env))
+        assert (truncated.tolist(), infos["begun"].tolist()) == ([True, False], [False, True])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_reset_that_fails_later_is_lost_in_its_turn(kind: type[RowVectorEnv]) -> None:
+    with points(kind, fragile="crash-at-reset") as env:
+        env.reset(seed=[LEFT, LEFT])
+        env.reset(seed=[None, RIGHT], options={"begin_after": 2, "reset_mask": np.array([False, True])})
+        told = [env.step(still(env))[4] for _ in range(3)]
+        assert [infos["lost"].tolist() for infos in told] == [[False, False], [False, True], [False, False]]
+        assert not any(infos.get("begun", np.zeros(2)).any() for infos in told)
+        _, infos = env.reset(seed=[None, LEFT], options={"reset_mask": np.array([False, True])})
+        assert infos["begun"].tolist() == [False, True]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_pictures_and_discrete_actions(kind: type[RowVectorEnv]) -> None:
     env = kind(Counter, 2, Counter.observation_space, Counter.action_space)

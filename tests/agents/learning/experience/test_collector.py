@@ -70,6 +70,47 @@ def test_a_step_tells_of_the_episode_that_ended_and_the_next_one_begins():
     assert (collector.finished_count, collector.steps) == (2, 2 * (LENGTH + 1))
 
 
+class Uneven(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """A point whose episodes have one of two lengths, which the seed decides."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        self.left = LENGTH // (1 + (seed or 0) % 2)
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        *step, infos = self.env.step(action)
+        self.left -= 1
+        return (*step[:3], self.left == 0, infos)
+
+
+@dataclass(frozen=True)
+class UnevenPoint(Point):
+    def make_env(self, rank: int) -> Env:
+        return Uneven(super().make_env(rank))
+
+
+def test_rows_that_begin_later_take_the_same_episodes():
+    task, lengths = UnevenPoint(), []
+    for later in (0, 3):
+        collector = Collector(task.make_environments(2, processes=False), task, 0, begin_after=later)
+        steps = taken(collector, PolicyBehaviour(still), 4 * LENGTH)
+        driven = steps[steps["active"]]
+        assert (len(driven) == 2 * 4 * LENGTH) == (later == 0)
+        assert collector.steps == len(driven)
+        times: dict[int, list[int]] = {}
+        for row in steps.unbind(0):
+            for one in row[row["active"]].unbind(0):
+                time = round(LENGTH * one["observation", "observation"][1].item())
+                times.setdefault(int(one["episode"]), []).append(time)
+        assert all(taken_at == list(range(len(taken_at))) for taken_at in times.values())
+        finished = sorted(times)[:-2]
+        lengths.append([len(times[episode]) for episode in finished])
+        assert sorted(one.length for one in collector.finished())[:4] == [LENGTH // 2] * 4
+    blocking, overlapping = lengths
+    assert len(blocking) > len(overlapping) > 4
+    assert blocking[: len(overlapping)] == overlapping
+
+
 def test_the_expert_drives_whole_episodes_as_often_as_asked():
     collector = collector_of(Lock(), rows=4)
     steps = taken(collector, EpisodeMixture(still, seed=3, share=0.3), 300)
@@ -252,6 +293,10 @@ def test_stacks_hold_the_last_pictures_and_begin_with_the_first():
     assert shown == [[0, 0, 0], [0, 0, 1], [0, 1, 2], [1, 2, 3]]
     seen, _ = environments.reset(seed=[1, None], options={"reset_mask": np.array([True, False])})
     assert seen["camera"][:, :, 0, 0].tolist() == [[0, 0, 0], [1, 2, 3]]
+    environments.reset(seed=[None, 1], options={"reset_mask": np.array([False, True]), "begin_after": 2})
+    for _ in range(2):
+        seen, *_ = environments.step(np.ones((2, 1), np.float32))
+    assert seen["camera"][:, :, 0, 0].tolist() == [[0, 1, 2], [0, 0, 0]]
 
 
 def test_an_action_is_repeated_until_the_episode_ends():
