@@ -19,7 +19,6 @@ WHOLE: Final = ("bco=true", "gail=true", "curiosity=true")
 _SIMPLE: Final = ("scene=simple", "reward=simple", "steps=800000", "ppo.gamma=0.99", "sac.gamma=0.99")
 _GRADED: Final = (*WHOLE, "reward=graded")
 _THREE: Final = (*_GRADED, "karts=3", "environments=258", "lots=86")
-
 _LONG: Final = ("steps=6000000", "ppo.learning_rate_decay=0.995")
 """Three times the steps, over which the learning rate falls as far."""
 
