@@ -132,6 +132,17 @@ class NoisyExpert:
         return (speed if self._random < 0.0 else self._random), steering
 
 
+def check_expert(name: str) -> None:
+    """Checks that there is an expert of a name, see `make_expert`.
+
+    Raises:
+        UnknownNameError: No agent has the name.
+        InvalidInputError: The agent cannot be made, such as one without weights.
+    """
+    if name != RULES:
+        make_agent(resolve(name)).close()
+
+
 def make_expert(name: str, max_speed: float, obey_lights: bool, noise: float) -> Expert:
     """The expert of a name.
 

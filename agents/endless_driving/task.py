@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from gymnasium.spaces import Box, Dict
@@ -36,7 +36,7 @@ class TownConfig(Config):
 
     roads: Roads = "traffic"
     view: View = "picture"
-    side: Annotated[int, Field(json_schema_extra={"enum": [64, 256]})] = 64
+    side: Literal[64, 256] = 64
     frames: Positive = 3
     history: Positive = 3
     max_speed: Annotated[float, Field(gt=0, le=15)] = 6.0

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from torch import Generator, Tensor
 
+from dohyo.agents.endless_driving.experts import check_expert
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.observation import PICTURE
 from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
@@ -77,6 +78,7 @@ def _changed(pictures: Tensor, generator: Generator) -> Tensor:
 
 
 def _train(settings: RlfoldRunConfig, request: TrainRequest) -> Path:
+    check_expert(settings.expert.name)  # environments in processes begin later
     return train_task(partial(make_learner, settings), settings.task, settings, request)
 
 

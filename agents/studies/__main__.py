@@ -19,12 +19,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import is_lost
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import STUDIES, Results, Study, read_results, study_named
 from dohyo.agents.studies.tables import write_section
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNameError
 
 INTERRUPTED = 130
 
@@ -67,6 +68,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(name: str, study: Study[Any], given: argparse.Namespace) -> None:
+    cells = study.cells(read_settings(study.options, None, given.settings))
+    for what, wanted, there in (
+        ("arm", given.arms, {cell.arm for cell in cells}),
+        ("training", given.trainings, {str(cell.training_seed) for cell in cells} - {str(None)}),
+    ):
+        if unknown := [str(one) for one in wanted or () if str(one) not in there]:
+            raise UnknownNameError(f"{what} of '{name}'", unknown[0], there)
+
     def chosen(cell: Cell) -> bool:
         return (
             (given.arms is None or cell.arm in given.arms)

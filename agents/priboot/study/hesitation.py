@@ -87,7 +87,16 @@ def table(missions: list[int], policy: Path | None) -> str:
 def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--missions", type=int, nargs="+", default=[0, 3], help="numbers, from 0 to 24")
+    numbers = range(len(MISSIONS.scenarios()))
+    parser.add_argument(
+        "--missions",
+        type=int,
+        nargs="+",
+        default=[0, 3],
+        choices=numbers,
+        metavar="N",
+        help="numbers, from 0",
+    )
     parser.add_argument("--policy", type=Path, help="ONNX file; default: the shipped one")
     options = parser.parse_args()
     print(table(options.missions, options.policy))

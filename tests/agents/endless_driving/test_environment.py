@@ -10,13 +10,14 @@ import pytest
 import torch
 
 from dohyo.agents.endless_driving.environment import EndlessDrivingEnv
-from dohyo.agents.endless_driving.experts import AgentExpert, NoisyExpert, RuleExpert
+from dohyo.agents.endless_driving.experts import AgentExpert, NoisyExpert, RuleExpert, check_expert
 from dohyo.agents.endless_driving.scenarios import TOWN, draw_scenario
 from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.rlad.agent import Rlad
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.sumo_networks.conditions import TRAIN
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -64,6 +65,16 @@ def test_training_stays_in_its_town_and_goals_follow_each_other_for_the_whole_ti
     assert length > (endless.time_limit_s or 0.0) * TownConfig().max_speed
     assert len(endless.missions[0].via) > 0 == len(mission.missions[0].via)
     assert endless == draw_scenario("traffic", seed, endless=True) != draw_scenario("traffic", seed + 9, endless=True)
+
+
+@pytest.mark.parametrize(
+    ("expert", "said"),
+    [("nobody", "no agent named 'nobody'"), ("rlad", "no shipped weights"), ("parking", "drive cars")],
+)
+def test_an_expert_that_cannot_be_made_is_refused_before_a_run_begins(expert: str, said: str) -> None:
+    with pytest.raises(InvalidInputError, match=said):
+        check_expert(expert)
+    check_expert("rules")
 
 
 def test_who_stands_on_a_free_road_is_blocked_after_20_s(opened: list[EndlessDrivingEnv]) -> None:

@@ -78,9 +78,16 @@ def test_the_command_lists_the_studies_and_prints_one_section(capsys: pytest.Cap
         main(["ghlr", "table"])
 
 
+def test_arms_and_trainings_that_are_not_there_are_named_and_nothing_runs(tmp_path: Path) -> None:
+    for arm, training, said in (("nobody", "0", "no arm .*'nobody'"), ("ghrl", "7", r"no training .*'7' \(there is 0")):
+        with pytest.raises(InvalidInputError, match=said):
+            main(["ghrl", "run", "--arms", "hrl", arm, "--trainings", training, "--out", str(tmp_path / "out")])
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_choice_without_cells_and_rows_that_are_not_there_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match="got a choice without cells"):
-        main(["ghrl", "run", "--arms", "nobody", "--out", str(tmp_path)])
+    with pytest.raises(InvalidInputError, match="without cells"):
+        main(["ghrl", "run", "--only", "nowhere", "--out", str(tmp_path)])
     with pytest.raises(InvalidInputError, match="expected stored rows, found none"):
         main(["ghrl", "table", "--rows", str(tmp_path)])
 
