@@ -17,11 +17,12 @@ import pytest
 import typer
 
 from dohyo.agents.forecasting.registry import shipped
-from dohyo.agents.registry import agent_entries
+from dohyo.agents.registry import TRAINABLE, agent_entries, resolve
 from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names, find_family
+from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.families import Family
 from dohyo.service.cli import app
 from dohyo.service.cli.lazy import LazyCommand
@@ -56,8 +57,8 @@ def inline(source: str) -> list[str]:
 
 def shell_lines(source: str) -> list[str]:
     """Lines of commands, in code blocks and in running text."""
-    lines = [line.split("#")[0].strip() for block in fences(source) for line in block.splitlines()]
-    return lines + inline(source)
+    blocks = [block.replace("\\\n", " ") for block in (*fences(source), *fences(source, "sh"))]
+    return [line.split("#")[0].strip() for block in blocks for line in block.splitlines()] + inline(source)
 
 
 def dohyo_commands(source: str) -> list[list[str]]:
@@ -117,7 +118,10 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
         agents = {agent, *(after for word, after in pairwise(words) if word == "--agent" and "=" in after)}
         for one in {name.partition("=")[2] or name for name in agents}:
             if one not in ("NAME", "AGENT", ONNX, "module:Class", "my_module:MyAgent"):
-                make_agent(agent_entries().get(one, one))
+                if one in TRAINABLE:  # they need a policy
+                    load_entry(resolve(one), "agent")
+                else:
+                    make_agent(agent_entries().get(one, one))
 
 
 def test_every_option_in_the_readme_exists() -> None:
