@@ -25,7 +25,7 @@ from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.sensors.gnss import VERTICAL
 
 LEAST_FIXES, ENOUGH_FIXES = 4, 6
-"""Fixes for a fit, since one wild fix among three cannot be told; and for a start in spite of doubts."""
+"""Fixes for a fit, since one wild fix among three cannot be recognised; and for a start in spite of doubts."""
 LEAST_AGREEING, AGREEING_SHARE, AGREEING_SIGMAS = 3, 0.7, 4.0
 """Fixes that must lie on the fitted path: number, share, and distance in standard deviations."""
 MOST_TRIED = 24
