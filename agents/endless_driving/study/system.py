@@ -16,10 +16,10 @@ from typing import Any, Final
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import measures
 from dohyo.agents.endless_driving.study.tables import Claims, tables_of
-from dohyo.agents.learning.files.report import no_report
-from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.trainer import Trainer, train_to_the_end
 from dohyo.agents.registry import resolve
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
+from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample, scenario_of
@@ -27,7 +27,6 @@ from dohyo.agents.studies.study import Study
 from dohyo.agents.studies.tables import PAGE
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import SimulationError
 
@@ -77,7 +76,8 @@ class System:
         """
         folder = options.runs / job[0].arm / f"seed-{job[0].training_seed}"
         if options.train:
-            self._train(job[0], folder)
+            config = self.arms[job[0].arm].training(self.trainer.config, job[0].training_seed or 0)
+            train_to_the_end(self.trainer, self.name, config, folder)
         if not (folder / "best.onnx").exists():
             raise SimulationError(f"no policy in '{folder}' so far")
         facts = training_facts(folder)
@@ -85,22 +85,9 @@ class System:
             found = last(folder) if cell.benchmark == TRAINING else self._drive(cell, folder)
             yield {**cell._asdict(), **facts, **found}
 
-    def _train(self, cell: Cell, folder: Path) -> None:
-        result = folder / "result.json"
-        if not (result.exists() and json.loads(result.read_text())["finished"]):
-            request = TrainRequest(self.name, folder, (folder / "config.toml").exists(), no_report)
-            self.trainer.train(self.arms[cell.arm].training(self.trainer.config, cell.training_seed or 0), request)
-
     def _drive(self, cell: Cell, folder: Path) -> Row:
-        scenario, agent = scenario_of(cell), make_agent(resolve(self.name), {"policy": str(folder / "best.onnx")})
-        try:
-            record, trajectory = drive_episode(scenario, {scenario.missions[0].name: agent})
-        finally:
-            agent.close()
-        ego = record.egos[0]
-        if ego.status.worth_another_try:
-            raise SimulationError(ego.failure or ego.status.value)
-        return measures(record, trajectory)
+        agent = make_agent(resolve(self.name), {"policy": str(folder / "best.onnx")})
+        return measures(*driven(scenario_of(cell), agent))
 
     def study(self, summary: str, room: Path, claims: Claims) -> Study[Options]:
         """The study, whose rows and page are in a system's folder."""

@@ -14,7 +14,7 @@ import csv
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import torch
 
@@ -23,11 +23,9 @@ from dohyo.agents.gri.study.judging import JUDGED, judged
 from dohyo.agents.gri.study.tables import CURVE, LAST, claims, curves, expert_of, shares
 from dohyo.agents.gri.training import GRI, GriRunConfig, record, task_of
 from dohyo.agents.learning.experience.demonstrations import INDEX
-from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.gymnasium.task import GYMNASIUM
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
-from dohyo.agents.learning.runs.config import BaseRunConfig
-from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.runs.trainer import train_to_the_end
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
@@ -71,7 +69,7 @@ def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
     for problem in dict.fromkeys(cell.benchmark.partition(",")[0] for cell in wanted):
         if PROBLEMS[problem].expert is None:
             continue
-        _train(GYMNASIUM, "gymnasium", expert_config(problem), options.runs / "experts" / problem)
+        train_to_the_end(GYMNASIUM, "gymnasium", expert_config(problem), options.runs / "experts" / problem)
     for arm in {cell.arm: ARMS[cell.arm] for cell in wanted if cell.arm in ARMS}.values():
         folder = shown_in(options.runs, arm)
         if not (folder / INDEX).exists():
@@ -95,7 +93,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     arm, seed = ARMS[job[0].arm], job[0].training_seed or 0
     folder = options.runs / job[0].arm / f"seed-{seed}"
     config = arm.config(seed, shown_in(options.runs, arm))
-    _train(GRI, "gri", config, folder)
+    train_to_the_end(GRI, "gri", config, folder)
     ended = judged(task_of(config.env, JUDGED.start, len(JUDGED)), OnnxPolicy(folder / "policy.onnx"))
     with (folder / "evaluations.csv").open(newline="") as file:
         curve = {int(row["steps"]): Row({"return": float(row["return"])}) for row in csv.DictReader(file)}
@@ -123,12 +121,6 @@ def _stored_share(folder: Path) -> float:
     with (folder / "metrics.csv").open(newline="") as file:
         values = [float(row["replay_demonstrated"]) for row in csv.DictReader(file)]
     return sum(values) / len(values)
-
-
-def _train(trainer: Trainer[Any], name: str, config: BaseRunConfig, folder: Path) -> None:
-    result = folder / "result.json"
-    if not (result.exists() and json.loads(result.read_text())["finished"]):
-        trainer.train(config, TrainRequest(name, folder, (folder / "config.toml").exists(), no_report))
 
 
 def _together(cell: Cell) -> tuple[str, int | None]:

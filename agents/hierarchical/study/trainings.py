@@ -11,13 +11,11 @@ sub-policies that they choose among.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from dohyo.agents.hierarchical.study.arms import ARMS, FLAT, MASTER, POLICIES, SUB_POLICIES, config_of, trainer_of
-from dohyo.agents.learning.files.report import no_report
-from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.learning.runs.trainer import train_to_the_end
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.curves import draw
 from dohyo.agents.studies.rows import Row
@@ -90,11 +88,8 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     """
     (cell,) = job
     folder = run_folder(options.runs, cell.arm, cell.training_seed or 0, cell.scenario)
-    result = folder / "result.json"
-    if not (result.exists() and json.loads(result.read_text())["finished"]):
-        resume = (folder / "config.toml").exists()
-        request = TrainRequest(f"hierarchical-{cell.scenario}", folder, resume, no_report)
-        trainer_of(cell.scenario).train(_config(options, cell), request)
+    trainer = trainer_of(cell.scenario)
+    train_to_the_end(trainer, f"hierarchical-{cell.scenario}", _config(options, cell), folder)
     yield training_row(cell.arm, cell.training_seed or 0, cell.scenario, folder)
 
 

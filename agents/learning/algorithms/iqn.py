@@ -15,7 +15,7 @@ from pydantic import Field
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from dohyo.agents.learning.algorithms.off_policy import OffPolicy, OffPolicyConfig, weighted
+from dohyo.agents.learning.algorithms.off_policy import OffPolicy, OffPolicyConfig, linear, weighted
 from dohyo.agents.learning.networks.modules import QuantileNetwork, soft_update
 from dohyo.agents.learning.runs.config import Positive, Share
 from dohyo.agents.perception.encoders.local_mixing import parameter_groups
@@ -106,8 +106,8 @@ class Iqn(OffPolicy[IqnConfig]):
     def exploration(self) -> float:
         """Present probability of a random action."""
         config = self._config
-        done = min(1.0, self._collector.steps / config.exploration_steps)
-        return config.first_exploration + done * (config.last_exploration - config.first_exploration)
+        share = self._collector.steps / config.exploration_steps
+        return linear(config.first_exploration, config.last_exploration, share)
 
     def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
         """The policy's action, or a random one."""

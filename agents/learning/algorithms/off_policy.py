@@ -250,6 +250,11 @@ class OffPolicy(ABC, Generic[C]):
         return discounts
 
 
+def linear(first: float, last: float, share: float) -> float:
+    """Value at a share of the way from the first to the last one, which stays from a share of 1 on."""
+    return first + min(1.0, share) * (last - first)
+
+
 def weighted(errors: Tensor, batch: TensorDictBase) -> Tensor:
     """Mean of (..., B) errors, with the batch's importance weights if it has them."""
     weight = batch.get("weight", None)

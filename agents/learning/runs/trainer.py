@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from dohyo.agents.learning.files.report import Reporter
+from dohyo.agents.learning.files.report import Reporter, no_report
 from dohyo.sumo_networks.config import Config
 
 C = TypeVar("C", bound=Config)
@@ -43,3 +44,15 @@ class Trainer(Generic[C]):
     summary: str
     config: type[C]
     train: Callable[[C, TrainRequest], Path]
+
+
+def train_to_the_end(trainer: Trainer[Any], name: str, config: Config, folder: Path) -> None:
+    """Begins or resumes the training of a folder on a task, unless it is finished; for studies.
+
+    Raises:
+        InvalidInputError: The folder holds a training of another trainer or configuration.
+        RunStoppedError: The training was stopped.
+    """
+    result = folder / "result.json"
+    if not (result.exists() and json.loads(result.read_text())["finished"]):
+        trainer.train(config, TrainRequest(name, folder, (folder / "config.toml").exists(), no_report))

@@ -17,6 +17,7 @@ from typing import Any
 from dohyo.agents.mcts.study.measures import of_excerpt, of_route
 from dohyo.agents.mcts.study.tables import section
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
+from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample, scenario_of
@@ -24,10 +25,8 @@ from dohyo.agents.studies.study import Study
 from dohyo.agents.studies.tables import PAGE
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
-from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.scores.nuplan.score import closed_loop
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 
 
@@ -123,14 +122,9 @@ def work(options: Options, job: Job) -> Iterator[Row]:
         SimulationError: The simulation failed.
     """
     (cell,) = job
-    scenario, agent = scenario_of(cell), ARMS[cell.arm].make()
-    try:
-        record, trajectory = drive_episode(scenario, {scenario.missions[0].name: agent})
-    finally:
-        agent.close()
+    scenario = scenario_of(cell)
+    record, trajectory = driven(scenario, ARMS[cell.arm].make())
     ego, reference_m = record.egos[0], scenario.reference_m
-    if ego.status.worth_another_try:
-        raise SimulationError(ego.failure or ego.status.value)
     if reference_m is None or record.lost:
         measured = of_route(ego)
     else:

@@ -15,9 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
-from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.learning.runs.trainer import train_to_the_end
 from dohyo.agents.parking.study.arms import ARMS, EXPERT
 from dohyo.agents.parking.study.judging import judged
 from dohyo.agents.parking.study.tables import arms_table, claims
@@ -72,19 +71,12 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     if seed is not None:
         folder = options.runs / arm / f"seed-{seed}"
         if options.train:
-            _train(arm, seed, folder)
+            train_to_the_end(PARKING, "parking", ARMS[arm].config(seed), folder)
         if not (folder / "best.onnx").exists():
             raise SimulationError(f"no policy in '{folder}' so far")
         policy, trained = OnnxPolicy(folder / "best.onnx").of_batch, training_facts(folder)
     for cell in job:
         yield {**cell._asdict(), **trained, **judged(policy, cell.benchmark, int(cell.seed or 0))}
-
-
-def _train(arm: str, seed: int, folder: Path) -> None:
-    result = folder / "result.json"
-    if not (result.exists() and json.loads(result.read_text())["finished"]):
-        request = TrainRequest("parking", folder, (folder / "config.toml").exists(), no_report)
-        PARKING.train(ARMS[arm].config(seed), request)
 
 
 def training_facts(folder: Path) -> Row:

@@ -23,13 +23,13 @@ from dohyo.agents.priboot.study.tables import LOSSES, STARTS, arms_table, claims
 from dohyo.agents.priboot.training.train import PRIBOOT
 from dohyo.agents.registry import resolve_with
 from dohyo.agents.studies.arms import Block, Cell, cells_of
+from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample, scenario_of
 from dohyo.agents.studies.study import Study
 from dohyo.agents.studies.tables import PAGE
 from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import SimulationError
 
@@ -84,15 +84,8 @@ def drive(cell: Cell, name: str, settings: dict[str, object]) -> Row:
     Raises:
         SimulationError: The simulation failed.
     """
-    scenario, agent = scenario_of(cell), make_agent(*resolve_with(name, settings))
-    try:
-        record, _ = drive_episode(scenario, {scenario.missions[0].name: agent})
-    finally:
-        agent.close()
-    ego = record.egos[0]
-    if ego.status.worth_another_try:
-        raise SimulationError(ego.failure or ego.status.value)
-    return measures(ego)
+    record, _ = driven(scenario_of(cell), make_agent(*resolve_with(name, settings)))
+    return measures(record.egos[0])
 
 
 def losses_of(folder: Path) -> Row:

@@ -15,7 +15,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from dohyo.agents.learning.algorithms.ddpg import DdpgPolicy
-from dohyo.agents.learning.algorithms.off_policy import OffPolicy, OffPolicyConfig, weighted
+from dohyo.agents.learning.algorithms.off_policy import OffPolicy, OffPolicyConfig, linear, weighted
 from dohyo.agents.learning.experience.replay import ReplayConfig
 from dohyo.agents.learning.networks.modules import Critics, DeterministicHead, frozen, soft_update
 from dohyo.agents.learning.runs.config import Positive, Share
@@ -65,8 +65,7 @@ class DrqV2(OffPolicy[DrqV2Config]):
     def noise(self) -> float:
         """Present standard deviation of the exploration."""
         config = self._config
-        done = min(1.0, self._collector.steps / config.noise_steps)
-        return config.first_noise + done * (config.last_noise - config.first_noise)
+        return linear(config.first_noise, config.last_noise, self._collector.steps / config.noise_steps)
 
     def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
         """The policy's action with noise, clipped to the action space."""
