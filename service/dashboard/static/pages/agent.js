@@ -5,6 +5,7 @@ import { byId, fill, h, mark } from "../dom.js";
 import { missing, whisker } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, short } from "../format.js";
+import { agentsOf, isMixed } from "../mixed.js";
 import { scoreOf, shown } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
@@ -23,15 +24,16 @@ page(async () => {
     colours([name]),
   ]);
   evaluations.sort((a, b) => (a.created < b.created ? 1 : -1));
+  const alone = evaluations.filter((one) => !isMixed(one));
   const latest = [
     ...new Map(
-      evaluations
+      alone
         .filter((one) => one.status === "done")
         .reverse()
         .map((one) => [one.benchmark, one]),
     ).values(),
   ];
-  const parts = await Promise.all(latest.map((one) => benchmarkPart(one, evaluations)));
+  const parts = await Promise.all(latest.map((one) => benchmarkPart(one, alone)));
   byId("content").style.setProperty("--agent", colour[name] ?? "var(--accent)");
   fill(
     byId("content"),
@@ -53,9 +55,9 @@ page(async () => {
           "section",
           { class: "state" },
           h("h2", {}, "No finished evaluation yet"),
-          h("p", {}, "Scores appear when the first evaluation has finished."),
+          h("p", {}, "Scores appear when the first evaluation has finished in which the agent drives all egos."),
         ),
-    history(evaluations),
+    history(evaluations, name),
     versions(submissions),
   );
 });
@@ -162,7 +164,10 @@ function source(submission) {
   return hash ? h("code", { title: hash }, short(hash)) : missing("the source of a remote agent is not known to the service");
 }
 
-function history(evaluations) {
+/** The version of an agent that drives in an evaluation, be it a single ego of a mixed run. */
+const versionIn = (row, name) => (row.agent === name ? row : Object.values(row.egos).find((one) => one.agent === name)).version;
+
+function history(evaluations, name) {
   if (!evaluations.length) return null;
   const columns = [
     {
@@ -171,7 +176,12 @@ function history(evaluations) {
       cell: (row) => h("a", { href: `/evaluations/${encodeURIComponent(row.id)}` }, row.benchmark),
       csv: (row) => row.benchmark,
     },
-    { title: "version", numeric: true, cell: (row) => row.version },
+    evaluations.some(isMixed) && {
+      title: "agents of a mixed run",
+      cell: (row) => (isMixed(row) ? agentsOf(row).join(", ") : missing("one agent drove all egos")),
+      csv: (row) => (isMixed(row) ? agentsOf(row).join(" ") : ""),
+    },
+    { title: "version", numeric: true, cell: (row) => versionIn(row, name) },
     { title: "status", choice: true, cell: (row) => standing(row.status), csv: (row) => row.status },
     {
       title: "episodes",
@@ -186,7 +196,7 @@ function history(evaluations) {
       csv: (row) => row.progress,
     },
     { title: "created", cell: (row) => h("time", {}, moment(row.created)), csv: (row) => row.created },
-  ];
+  ].filter(Boolean);
   return h(
     "section",
     {},

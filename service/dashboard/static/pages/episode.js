@@ -4,6 +4,7 @@ import { get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { agentName } from "../estimate.js";
 import { short } from "../format.js";
+import { agentsOf, agentsText, driverOf, isMixed } from "../mixed.js";
 import { colours, subject } from "../subject.js";
 import { choice, why } from "../replay/facts.js";
 import { load, play } from "../replay/player.js";
@@ -18,12 +19,12 @@ page(async () => {
     return;
   }
   const { replay, map } = await load(id);
-  const colour = await colours([episode.agent]);
+  const colour = await colours(agentsOf(episode));
   const facts = h("aside", { class: "facts-panel", "aria-label": "Why this score" });
   const theatre = h("section", { class: "theatre", "aria-label": "Replay" });
   fill(
     byId("content"),
-    heading(episode, [agentName(episode.agent, colour[episode.agent])]),
+    heading(episode, agentsOf(episode).map((agent) => agentName(agent, colour[agent]))),
     h("div", { class: "episode" }, theatre, facts),
   );
   const player = play(theatre, [{ replay, map, agent: episode.agent }]);
@@ -32,6 +33,7 @@ page(async () => {
     fill(
       facts,
       choice(replay, player, show),
+      isMixed(episode) && driven(episode, ego, colour),
       ...why(ego, replay, player, closedLoop(episode, ego)),
       replay.lot ? null : [h("h2", {}, "Why the agent decides so"), reasons],
       links(id, episode),
@@ -39,6 +41,12 @@ page(async () => {
   show(player.views[0].ego);
   if (!replay.lot) new Reasons(id, player, reasons);
 });
+
+/** The agent of an ego of a mixed run. */
+function driven(episode, ego, colour) {
+  const { agent, version } = driverOf(episode, ego.name);
+  return h("p", {}, agentName(agent, colour[agent]), h("span", { class: "quiet small" }, ` version ${version}`));
+}
 
 /** Name of an episode; all lots are one scenario. */
 const nameOf = (episode) => (episode.cell === "lot" ? `lot ${episode.seed}` : episode.scenario);
@@ -56,7 +64,7 @@ function heading(episode, agent) {
       h(
         "a",
         { href: `/evaluations/${encodeURIComponent(episode.evaluation)}` },
-        `${episode.agent} on ${episode.benchmark}`,
+        `${agentsText(episode)} on ${episode.benchmark}`,
       ),
       " / episode",
     ),

@@ -5,6 +5,7 @@ import { byId, fill, h, mark, s } from "../dom.js";
 import { agentName, missing } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, seconds, span } from "../format.js";
+import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, refresh, table } from "../table.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
@@ -16,17 +17,17 @@ const FAULTS = /agent could not be set up|agent raised|agent's action|agent did 
 const id = subject();
 const base = `/v1/evaluations/${encodeURIComponent(id)}`;
 const finished = (status) => ["done", "failed", "cancelled"].includes(status);
-const state = { evaluation: null, episodes: [], metrics: null, started: performance.now(), before: 0 };
+const state = { evaluation: null, episodes: [], metrics: null, colour: {}, started: performance.now(), before: 0 };
 
 page(async () => {
   await read();
   const { agent } = state.evaluation;
-  const colour = await colours([agent]);
+  const colour = (state.colour = await colours(agentsOf(state.evaluation)));
   state.started = performance.now();
   state.before = ended();
   fill(
     byId("content"),
-    title(agent, colour[agent]),
+    title(),
     h("dl", { class: "tiles", id: "tiles" }),
     h(
       "section",
@@ -79,18 +80,18 @@ function show() {
   showAttempts().catch((error) => console.info(error));
 }
 
-function title(agent, colour) {
-  const one = state.evaluation;
+function title() {
+  const { evaluation: one, colour } = state;
   return h(
     "div",
     { class: "title" },
     h("p", { class: "crumbs quiet" }, h("a", { href: "/evaluations" }, "evaluations"), " / evaluation"),
-    h("h1", {}, `${agent} on ${one.benchmark}`),
+    h("h1", {}, `${agentsText(one)} on ${one.benchmark}`),
+    isMixed(one) && h("p", { class: "byline" }, h("span", {}, "mixed run:"), driversLine(one, colour)),
     h(
       "p",
       { class: "byline" },
-      agentName(agent, colour),
-      h("span", { class: "quiet" }, `version ${one.version}`),
+      !isMixed(one) && [agentName(one.agent, colour[one.agent]), h("span", { class: "quiet" }, `version ${one.version}`)],
       !isParking() && h("a", { href: `/evaluations/${encodeURIComponent(id)}/map` }, "map of infractions"),
       h("a", { href: `${base}/metrics` }, "JSON"),
       h("a", { href: `${base}/metrics.csv` }, "CSV"),
@@ -151,7 +152,8 @@ function showProgress() {
 
 function showScores() {
   const summary = state.metrics?.all;
-  if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, 4));
+  if (summary && isMixed(state.evaluation)) fill(byId("scores"), byAgent(state.metrics, state.colour));
+  else if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, 4));
 }
 
 function showEpisodes() {
@@ -183,6 +185,12 @@ function driveColumns(closed) {
       csv: (row) => row.scenario,
     },
     { title: "seed", numeric: true, cell: (row) => row.seed },
+    isMixed(state.evaluation) && {
+      title: "agent of the lowest",
+      choice: true,
+      cell: (row) => (row.ego ? lowest(row.ego) : "—"),
+      csv: (row) => row.ego && driverOf(state.evaluation, row.ego.name).agent,
+    },
     { title: "ending", choice: true, sort: (row) => (row.ego ? ending(row.ego.status) : row.status), cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
     closed && {
       title: "closed loop",
@@ -203,6 +211,12 @@ function driveColumns(closed) {
       csv: (row) => row.ego?.duration_s,
     },
   ].filter(Boolean);
+}
+
+/** The agent of the ego with the lowest score, and that ego. */
+function lowest(ego) {
+  const { agent } = driverOf(state.evaluation, ego.name);
+  return [agentName(agent, state.colour[agent]), h("div", { class: "quiet small" }, ego.name)];
 }
 
 /** Columns of parking lots. */

@@ -5,6 +5,7 @@ import { byId, fill, h } from "../dom.js";
 import { agentName } from "../estimate.js";
 import { bar, standing } from "../evaluation.js";
 import { moment, short } from "../format.js";
+import { agentsOf, driversOf, isMixed } from "../mixed.js";
 import { startCommand } from "../start.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
@@ -13,7 +14,7 @@ const MOST = 500;
 
 page(async () => {
   const rows = (await getAll("/v1/evaluations", MOST)).sort((a, b) => (a.created < b.created ? 1 : -1));
-  const colour = await colours(rows.map((row) => row.agent));
+  const colour = await colours(rows.flatMap(agentsOf));
   const title = h("h1", {}, "Evaluations");
   if (!rows.length) {
     fill(
@@ -31,8 +32,17 @@ page(async () => {
   }
   const compare = h("button", { type: "submit", disabled: true }, "compare");
   const columns = [
-    { title: "agent", cell: (row) => agentName(row.agent, colour[row.agent]), csv: (row) => row.agent },
-    { title: "version", numeric: true, cell: (row) => row.version },
+    {
+      title: "agent",
+      cell: (row) => driversOf(row).map(({ agent }) => h("div", {}, agentName(agent, colour[agent]))),
+      csv: (row) => driversOf(row).map(({ agent }) => agent).join(" "),
+    },
+    {
+      title: "version",
+      numeric: true,
+      cell: (row) => driversOf(row).map(({ version }) => h("div", {}, String(version))),
+      csv: (row) => driversOf(row).map(({ version }) => version).join(" "),
+    },
     {
       title: "benchmark",
       choice: true,
@@ -70,7 +80,8 @@ page(async () => {
           type: "checkbox",
           name: "evaluation",
           value: row.id,
-          disabled: row.status !== "done",
+          disabled: row.status !== "done" || isMixed(row),
+          title: isMixed(row) ? "a mixed run: its scores are by agent" : null,
           "aria-label": `compare ${row.agent}, ${moment(row.created)}`,
         }),
     },
@@ -83,7 +94,7 @@ page(async () => {
       "p",
       { class: "links" },
       compare,
-      h("span", { class: "quiet" }, " select two to eight finished evaluations of one benchmark version"),
+      h("span", { class: "quiet" }, " select two to eight finished evaluations of one benchmark version; mixed runs are not compared"),
     ),
   );
   form.addEventListener("change", () => {

@@ -2,6 +2,7 @@
 
 import { get, getAll, page } from "../api.js";
 import { columnsOf, kindsOn } from "../board.js";
+import { crossPlay } from "../cross_play.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { short } from "../format.js";
 import { firstAgent, startCommand } from "../start.js";
@@ -37,6 +38,7 @@ page(async () => {
           notes(board, rows, asked),
         ]
       : empty(name, benchmark?.kind, query.get("track")),
+    benchmark?.egos.length > 0 && (await crossPlay(name, benchmark.egos, board.version)),
   );
 });
 
