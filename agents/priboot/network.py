@@ -7,24 +7,27 @@ from the picture alone, which keeps the features from ignoring what moves.
 Source: Coelho 2024, section 5.3, and the sizes of its code: 256 numbers of the picture, an MLP of 32 and 32 on the
 measurements, 288 to 256 to 256 to 128, a cell of 128. Ours: the trunk keeps the places of its feature maps, where the
 thesis tunes all of EfficientNet-B0 and reads its 1,000 logits, which we cannot afford on two cores. Few numbers
-are kept of each place, and more near the ego: with all of them it knew its drives by heart, and no light.
+are kept of each place, and more near the ego: with all of them it knew its drives by heart. A place is 6 m wide, and a
+light 2 m: the frozen trunk hardly tells its colour. So a few convolutions, which learn with the head, read the pixels
+before the ego.
 """
 
 from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 import torch
 from gymnasium.spaces import Box, Dict
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from dohyo.agents.perception.encoders.base import Encoder
+from dohyo.agents.perception.encoders.base import Encoder, as_float
 from dohyo.agents.perception.encoders.efficientnet import EfficientNetLite0
 from dohyo.agents.priboot.measurements import MEASUREMENTS, TARGET
 from dohyo.agents.priboot.recording.dataset import WAYPOINTS
@@ -40,10 +43,15 @@ KEPT, KEPT_NEAR, PICTURE, HIDDEN = 8, 32, 256, 128
 """Numbers of each place of the maps, of each place near the ego, of the picture, and of the cell."""
 NEAR_ROWS, NEAR_COLUMNS = slice(3, 8), slice(2, 6)
 """Places from 5 m behind to 27 m ahead of the ego, and 13 m to each side."""
+BEFORE_ROWS, BEFORE_COLUMNS = slice(72, 120), slice(48, 80)
+"""Pixels from 2 m behind to 17 m ahead of the ego's centre, and 6 m to each side."""
+BEFORE: Final = (16, 32, 32)
+"""Channels of the convolutions that read them."""
 DROPPED: Final = 0.3
 """Share of these numbers that a training leaves out, ours: the loss on held-out drives ends above that on its own."""
 
 PictureKind = Literal["colours", "masks"]
+T = TypeVar("T", Tensor, NDArray[np.uint16])
 
 
 class Trunk(Encoder):
@@ -75,11 +83,7 @@ class MaskTrunk(Encoder):
 
     def __init__(self) -> None:
         super().__init__((LAYERS, HEIGHT, WIDTH), MAPS)
-        widths = (LAYERS, 16, 32, 64, CHANNELS)
-        layers: list[nn.Module] = []
-        for before, after in pairwise(widths):
-            layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.ReLU()]
-        self.layers = nn.Sequential(*layers)
+        self.layers = nn.Sequential(*_convolutions((LAYERS, 16, 32, 64, CHANNELS)))
 
     def encode(self, pictures: Tensor) -> Tensor:
         """Flattened feature maps."""
@@ -88,13 +92,16 @@ class MaskTrunk(Encoder):
 
 
 class Head(nn.Module):
-    """(B, 8960) maps and (B, 11) measurements to (B, 4, 2) waypoints [m] and (B,) speed [10 m/s]."""
+    """Maps, the pixels before the ego, and measurements to (B, 4, 2) waypoints [m] and (B,) speed [10 m/s]."""
 
-    def __init__(self) -> None:
+    def __init__(self, layers: int) -> None:
+        """Makes the layers for pictures of so many."""
         super().__init__()
         self.squeeze = nn.Sequential(nn.Conv2d(CHANNELS, KEPT, 1), nn.ReLU(), nn.Flatten())
         self.squeeze_near = nn.Sequential(nn.Conv2d(CHANNELS, KEPT_NEAR, 1), nn.ReLU(), nn.Flatten())
+        self.before = nn.Sequential(*_convolutions((layers, *BEFORE)), nn.Flatten())
         numbers = KEPT * ROWS * COLUMNS + KEPT_NEAR * _length(NEAR_ROWS) * _length(NEAR_COLUMNS)
+        numbers += BEFORE[-1] * _length(BEFORE_ROWS) * _length(BEFORE_COLUMNS) // 4 ** len(BEFORE)
         told = (nn.Linear(numbers, PICTURE), nn.LayerNorm(PICTURE), nn.Tanh())
         self.picture = nn.Sequential(nn.Dropout(DROPPED), *told)
         self.measured = nn.Sequential(nn.Linear(MEASUREMENTS, 32), nn.ReLU(), nn.Linear(32, 32), nn.ReLU())
@@ -105,11 +112,18 @@ class Head(nn.Module):
         self.step = nn.Linear(HIDDEN, 2)
         self.speed = nn.Linear(PICTURE, 1)
 
-    def forward(self, maps: Tensor, measurements: Tensor) -> tuple[Tensor, Tensor]:
-        """See the class."""
+    def forward(self, maps: Tensor, before: Tensor, measurements: Tensor) -> tuple[Tensor, Tensor]:
+        """Waypoints and speed.
+
+        Args:
+            maps: (B, 8960).
+            before: (B, L, 48, 32) pixels before the ego, in [0, 1], see `before_ego`.
+            measurements: (B, 11).
+        """
         placed = maps.reshape(-1, CHANNELS, ROWS, COLUMNS) / SCALE
         near = placed[:, :, NEAR_ROWS, NEAR_COLUMNS]
-        picture = self.picture(torch.cat([self.squeeze(placed), self.squeeze_near(near)], dim=1))
+        seen = [self.squeeze(placed), self.squeeze_near(near), self.before(2.0 * before - 1.0)]
+        picture = self.picture(torch.cat(seen, dim=1))
         state = self.join(torch.cat([picture, self.measured(measurements)], dim=1))
         target, at = measurements[:, TARGET], torch.zeros_like(measurements[:, :2])
         points = []
@@ -118,6 +132,19 @@ class Head(nn.Module):
             at = at + self.step(state)
             points.append(at)
         return torch.stack(points, dim=1), self.speed(picture)[:, 0]
+
+
+def before_ego(pictures: T) -> T:
+    """(..., 48, 32) what is before the ego in (..., 160, 128) pictures."""
+    return pictures[..., BEFORE_ROWS, BEFORE_COLUMNS]
+
+
+def _convolutions(channels: Sequence[int]) -> list[nn.Module]:
+    """Convolutions that halve the picture each time."""
+    layers: list[nn.Module] = []
+    for before, after in pairwise(channels):
+        layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.ReLU()]
+    return layers
 
 
 def _length(places: slice) -> int:
@@ -131,11 +158,13 @@ class Priboot(nn.Module):
         super().__init__()
         self.kind = picture
         self.trunk: Encoder = Trunk(weights) if picture == "colours" else MaskTrunk()
-        self.head = Head()
+        self.head = Head(self.trunk.shape[0])
 
     def forward(self, observation: Mapping[str, Tensor]) -> Tensor:
         """Waypoints of a batch, in the ego's frame."""
-        waypoints: Tensor = self.head(self.trunk(observation["picture"]), observation["measurements"])[0]
+        picture, measurements = observation["picture"], observation["measurements"]
+        before = before_ego(as_float(picture))
+        waypoints: Tensor = self.head(self.trunk(picture), before, measurements)[0]
         return waypoints.flatten(1)
 
     def facts(self) -> Mapping[str, str]:

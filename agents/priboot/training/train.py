@@ -31,11 +31,12 @@ from dohyo.agents.learning.runs.run import Run
 from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.perception.drives import Column
+from dohyo.agents.perception.encoders.base import as_float
 from dohyo.agents.perception.feature_cache import cached_features
 from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE
-from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot
+from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot, before_ego
 from dohyo.agents.priboot.training.views import Pictures, Split, load_split
-from dohyo.agents.priboot.view import masks_of
+from dohyo.agents.priboot.view import colours_of, masks_of
 
 MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m", "starts", "false_starts")
 STANDS_M_S, GOES_M, STARTS_M, STAYS_M = 0.3, 2.0, 1.0, 0.1
@@ -44,8 +45,8 @@ expert stays."""
 FEATURES = "features"
 """Folder of the cached feature maps, in that of the demonstrations."""
 
-Maps = Callable[[Tensor], Tensor]
-"""Rows of the pictures -> (B, 8960) feature maps."""
+Seen = Callable[[Tensor], tuple[Tensor, Tensor]]
+"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 48, 32) pixels before the ego in [0, 1]."""
 
 
 class TrainConfig(SupervisedConfig):
@@ -82,13 +83,13 @@ class TrainConfig(SupervisedConfig):
 
 
 def losses_of(
-    network: Priboot, maps: Tensor, measurements: Tensor, waypoints: Tensor, weight: float
+    network: Priboot, seen: tuple[Tensor, Tensor], measurements: Tensor, waypoints: Tensor, weight: float
 ) -> dict[str, Tensor]:
     """Parts of the loss, and their weighted sum.
 
     Args:
         network: Its head learns.
-        maps: (B, 8960).
+        seen: See `Seen`.
         measurements: (B, 11).
         waypoints: (B, 4, 2) those of the expert, m.
         weight: Of the speed's loss.
@@ -96,7 +97,7 @@ def losses_of(
     Returns:
         "waypoints": sum of the absolute errors of the four waypoints' coordinates [m]; "speed" and "loss".
     """
-    points, speed = network.head(maps, measurements)
+    points, speed = network.head(*seen, measurements)
     apart = (points - waypoints).abs().sum((1, 2)).mean()
     told = (speed - measurements[:, SPEED]).abs().mean()
     return {"loss": apart + weight * told, "waypoints": apart, "speed": told}
@@ -117,7 +118,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         torch.manual_seed(config.seed)
         moments, held_out = load_split(config.data, "train"), load_split(config.data, "validation")
         network = Priboot(config.picture)
-        maps, held_out_maps = (maps_of(network, config, some) for some in (moments, held_out))
+        seen, held_out_seen = (seen_of(network, config, some) for some in (moments, held_out))
         chosen = some_drives(moments, config)
         index = torch.linspace(0, len(held_out) - 1, min(config.validation_moments, len(held_out))).long()
 
@@ -126,7 +127,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
             view = (torch.rand(rows.shape) < config.displaced).long()
             at = (moment, view)
             numbers, points = moments.measurements[at], moments.waypoints[at]
-            return losses_of(network, maps(moments.row[at]), numbers, points, config.speed_weight)
+            return losses_of(network, seen(moments.row[at]), numbers, points, config.speed_weight)
 
         job = Fit(
             network=network,
@@ -139,7 +140,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
             batches=shuffled(len(chosen), config.batch, config.seed),
             rate=Cosine(config.learning_rate, config.steps, config.warm_up_steps),
             steps=config.steps,
-            validate=lambda: validate(network, held_out, held_out_maps, index, config),
+            validate=lambda: validate(network, held_out, held_out_seen, index, config),
             validate_every=config.validate_every,
             gradient_norm=config.gradient_norm,
             columns=("loss", "waypoints", "speed", *MEASURES),
@@ -151,13 +152,24 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         return run.folder / "priboot.onnx"
 
 
-def maps_of(network: Priboot, config: TrainConfig, moments: Split) -> Maps:
-    """Feature maps by rows: from the cache of the frozen trunk, or from the trunk that learns."""
+def seen_of(network: Priboot, config: TrainConfig, moments: Split) -> Seen:
+    """What the head reads, by rows: maps from the cache of the frozen trunk, or from the trunk that learns."""
     if config.picture == "masks":
         layers = np.concatenate([Pictures(path).layers for path in moments.paths])
-        return lambda rows: network.trunk(torch.from_numpy(masks_of(layers[rows.numpy()])))
+
+        def masks(rows: Tensor) -> tuple[Tensor, Tensor]:
+            pictures = as_float(torch.from_numpy(masks_of(layers[rows.numpy()])))
+            return network.trunk(pictures), before_ego(pictures)
+
+        return masks
+    before = np.concatenate([before_ego(Pictures(path).layers) for path in moments.paths])
     maps = cached_maps(config.data / FEATURES, moments.paths)
-    return lambda rows: torch.from_numpy(maps[rows.numpy()]).float()
+
+    def colours(rows: Tensor) -> tuple[Tensor, Tensor]:
+        numbers = rows.numpy()
+        return torch.from_numpy(maps[numbers]).float(), as_float(torch.from_numpy(colours_of(before[numbers])))
+
+    return colours
 
 
 def cached_maps(folder: Path, paths: list[Path], tell: Callable[[Path], None] = lambda path: None) -> Column:
@@ -183,7 +195,7 @@ def some_drives(moments: Split, config: TrainConfig) -> Tensor:
     return torch.from_numpy(np.flatnonzero(np.isin(moments.drive, kept)))
 
 
-def validate(network: Priboot, moments: Split, maps: Maps, index: Tensor, config: TrainConfig) -> dict[str, float]:
+def validate(network: Priboot, moments: Split, seen: Seen, index: Tensor, config: TrainConfig) -> dict[str, float]:
     """Measures of the waypoints on some moments.
 
     Returns:
@@ -192,7 +204,7 @@ def validate(network: Priboot, moments: Split, maps: Maps, index: Tensor, config
     """
     network.eval()
     with torch.no_grad():
-        found = [_predicted(network, moments, maps, index, view, config.batch) for view in (0, 1)]
+        found = [_predicted(network, moments, seen, index, view, config.batch) for view in (0, 1)]
     network.train()
     own, displaced = (
         float((points - moments.waypoints[index, view]).abs().sum((1, 2)).mean()) for view, points in enumerate(found)
@@ -204,10 +216,10 @@ def validate(network: Priboot, moments: Split, maps: Maps, index: Tensor, config
     return dict(zip(MEASURES, (own, displaced, apart, *shares), strict=True))
 
 
-def _predicted(network: Priboot, moments: Split, maps: Maps, index: Tensor, view: int, batch: int) -> Tensor:
+def _predicted(network: Priboot, moments: Split, seen: Seen, index: Tensor, view: int, batch: int) -> Tensor:
     """(N, 4, 2) waypoints from one view of some moments, m."""
     parts = torch.split(index, batch)
-    return torch.cat([network.head(maps(moments.row[at, view]), moments.measurements[at, view])[0] for at in parts])
+    return torch.cat([network.head(*seen(moments.row[at, view]), moments.measurements[at, view])[0] for at in parts])
 
 
 def _mean(values: Tensor) -> float:
