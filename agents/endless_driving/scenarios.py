@@ -7,13 +7,11 @@ Everything follows from roads and seed. Towns and conditions that `nocrash` judg
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
 
 from dohyo.evaluation.benchmarks.mission_drawing import unfit
-from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.conditions import TRAIN
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -96,14 +94,8 @@ def _anywhere(rng: np.random.Generator, network: RoadNetwork) -> Place:
 
 
 def _lane(rng: np.random.Generator, network: RoadNetwork) -> int:
-    return int(rng.choice(_long_lanes(network)))
+    return int(rng.choice(network.lanes.longer_than(40.0)))
 
 
 def _edge_of(network: RoadNetwork, lane: int) -> str:
     return str(network.lanes.ids[lane]).rpartition("_")[0]
-
-
-@lru_cache(maxsize=4)
-def _long_lanes(network: RoadNetwork) -> IntArray:
-    lanes = network.lanes
-    return np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))

@@ -70,8 +70,7 @@ class Draw:
     def __init__(self, name: str, seed: int) -> None:
         self.network: RoadNetwork = load_network(name)
         self.rng = np.random.default_rng(seed)
-        lanes = self.network.lanes
-        self._lanes = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
+        self._lanes = self.network.lanes.longer_than(40.0)
 
     def mission(self, name: str, low: float, high: float, stops: int = 0) -> tuple[Mission, Route]:
         """A mission through a given number of random edges, whose route has a length within a range [m]."""

@@ -38,7 +38,7 @@ def draw(network: RoadNetwork, seed: int, accepts: Callable[[Route], bool]) -> l
         InvalidInputError: The network has fewer such routes.
     """
     rng, lanes = np.random.default_rng(seed), network.lanes
-    long = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
+    long = lanes.longer_than(40.0)
     found: dict[tuple[int, int], Mission] = {}
     for _ in range(ATTEMPTS):
         a, b = (int(lane) for lane in rng.choice(long, 2, replace=False))

@@ -64,6 +64,10 @@ class Lanes:
     points: FloatArray
     edge_ids: StringArray
 
+    def longer_than(self, metres: float) -> IntArray:
+        """(N,) lanes of roads that are open to passenger cars and longer, where drives can begin and end."""
+        return np.flatnonzero(self.drivable & ~self.internal & (self.length > metres))
+
 
 @dataclass(frozen=True, slots=True)
 class Connections:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import zlib
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
@@ -50,11 +48,5 @@ def draw_mission(seed: int) -> Scenario:
 
 def _anywhere(rng: np.random.Generator) -> Place:
     lanes = load_network(TOWN).lanes
-    lane = int(rng.choice(_long_lanes()))
+    lane = int(rng.choice(lanes.longer_than(LANE_M)))
     return Place(lane=str(lanes.ids[lane]), position_m=round(float(rng.uniform(END_M, lanes.length[lane] - END_M)), 1))
-
-
-@lru_cache(maxsize=1)
-def _long_lanes() -> IntArray:
-    lanes = load_network(TOWN).lanes
-    return np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > LANE_M))

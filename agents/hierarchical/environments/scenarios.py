@@ -10,14 +10,12 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
-from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.placement import check_placement
@@ -290,14 +288,8 @@ def _metres_to_light(network: RoadNetwork, place: Place) -> float:
 
 
 def _anywhere(rng: np.random.Generator, network: RoadNetwork) -> Place:
-    lane = int(rng.choice(_long_lanes(network)))
+    lane = int(rng.choice(network.lanes.longer_than(40.0)))
     return _at(network, lane, float(rng.uniform(8.0, network.lanes.length[lane] - 15.0)))
-
-
-@lru_cache(maxsize=4)
-def _long_lanes(network: RoadNetwork) -> IntArray:
-    lanes = network.lanes
-    return np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
 
 
 def _at(network: RoadNetwork, lane: int, position: float) -> Place:

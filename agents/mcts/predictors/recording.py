@@ -195,7 +195,7 @@ def _in_frame(frame: FloatArray, poses: FloatArray) -> FloatArray:
 def _missions(network: RoadNetwork, count: int, rng: np.random.Generator) -> Iterator[Mission]:
     """Missions from different lanes, without U-turns."""
     lanes, taken = network.lanes, set[int]()
-    long = np.flatnonzero(lanes.drivable & ~lanes.internal & (lanes.length > 40.0))
+    long = lanes.longer_than(40.0)
     for _ in range(ATTEMPTS):
         a, b = (int(lane) for lane in rng.choice(long, 2, replace=False))
         mission = Mission(

@@ -346,3 +346,11 @@ def test_a_network_can_be_loaded_from_its_path(tmp_path: Path) -> None:
     assert network.name == "town"
     assert network.path == path
     assert network.lanes.ids.tolist() == straight_road().network.lanes.ids.tolist()
+
+
+def test_drives_begin_on_long_lanes_of_roads() -> None:
+    lanes = load_network("town-train").lanes
+    found = lanes.longer_than(40.0)
+    assert 0 < len(found) < len(lanes.ids)
+    assert all(lanes.drivable[lane] and not lanes.internal[lane] and lanes.length[lane] > 40.0 for lane in found)
+    assert set(lanes.longer_than(60.0)) < set(found)
