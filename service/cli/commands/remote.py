@@ -139,9 +139,7 @@ def show_all(
     if json:
         print_json(found)
         return
-    rows = [
-        (one["id"], f"{one['agent']} v{one['version']}", one["benchmark"], one["status"], _done(one)) for one in found
-    ]
+    rows = [(one["id"], _agents(one), one["benchmark"], one["status"], _done(one)) for one in found]
     print_rows(("evaluation", "agent", "benchmark", "status", "done"), rows)
 
 
@@ -221,7 +219,7 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
     name, status = (TextColumn(f"{{task.{field}}}", markup=False) for field in ("description", "fields[status]"))
     columns = (name, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), status)
     with Progress(*columns, console=console, disable=json) as bar:
-        title = plain(f"{state['agent']} v{state['version']} on {state['benchmark']}")
+        title = plain(f"{_agents(state)} on {state['benchmark']}")
         task = bar.add_task(title, total=None, status="")
         for state in client.follow(evaluation):
             progress = state["progress"]
@@ -266,8 +264,7 @@ def _print(state: EvaluationView, json: bool) -> None:
         print_json(state)
     else:
         console.print(
-            f"{state['id']}: {state['agent']} v{state['version']} on {state['benchmark']}, {state['status']},"
-            f" {_done(state)}",
+            f"{state['id']}: {_agents(state)} on {state['benchmark']}, {state['status']}, {_done(state)}",
             highlight=False,
         )
 
@@ -288,6 +285,12 @@ def _manifest(document: Document) -> Manifest | MorningsManifest | LotsManifest:
     if kind == "parking":
         return parse_manifest(content, name, LotsManifest)
     return parse_manifest(content, name, Manifest)
+
+
+def _agents(state: EvaluationView | Document) -> str:
+    """The agent of an evaluation, or all agents of a mixed run."""
+    drivers = [state, *state["egos"].values()]
+    return ", ".join(dict.fromkeys(f"{one['agent']} v{one['version']}" for one in drivers))
 
 
 def _done(state: EvaluationView | Document) -> str:

@@ -13,6 +13,8 @@ import pytest
 from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.run import read_result
 from dohyo.service.cli import main
+from dohyo.service.cli.commands.remote import parse_egos
+from dohyo.sumo_networks.errors import InvalidInputError
 
 STEADY = "tests.evaluation.agents:Steady"
 TOGETHER = """
@@ -112,3 +114,16 @@ def test_a_mix_that_cannot_be_is_one_line(options: list[str], words: str, call: 
     assert code == 2
     assert words in " ".join(errors.split())
     assert not Path("none").exists()
+
+
+def test_the_agents_of_a_mixed_run_at_a_service_are_options() -> None:
+    assert parse_egos(["front=mbappe", "back=ghrl@2"]) == {
+        "front": {"agent": "mbappe"},
+        "back": {"agent": "ghrl", "version": 2},
+    }
+
+
+@pytest.mark.parametrize("options", [["front"], ["=idm"], ["front="], ["front=idm@"], ["front=idm@x"], ["a=b", "a=c"]])
+def test_an_option_of_another_form_is_one_line(options: list[str]) -> None:
+    with pytest.raises(InvalidInputError, match=r"--ego '.*': expected"):
+        parse_egos(options)

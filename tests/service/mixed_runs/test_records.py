@@ -17,6 +17,7 @@ from dohyo.service.client.client import Client
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
 from tests.service.served import Service
+from tests.service.serving import command
 
 BACK, FRONT = (
     Mission(
@@ -63,6 +64,11 @@ def test_the_records_are_those_of_dohyo_evaluate_and_so_is_what_is_fetched(
     result = read_result(tmp_path / "fetched")
     assert result.manifest == here.manifest
     assert [record.record_hash for record in result.records] == [record.record_hash for record in here.records]
+
+    access = ("--server", running_service.url, "--token", running_service.submitter_token)
+    watched = " ".join(command("evaluations", "watch", evaluation, *access).stdout.split())
+    assert "score idm v1 autopilot v1" in watched
+    assert "collisions with each other idm v1 autopilot v1 1 0" in watched
 
     headers = {"authorization": f"Bearer {running_service.submitter_token}", "prefer": "wait=30"}
     verify = f"{running_service.url}/v1/episodes/{episode['id']}/verify"

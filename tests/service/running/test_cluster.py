@@ -17,6 +17,7 @@ from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.agents import Steady, kill_the_actor
+from tests.service.mixed_runs.test_records import TWO
 from tests.service.policies import models
 from tests.service.served import STEADY, Service, info_of, short
 from tests.service.serving import command
@@ -98,10 +99,11 @@ def test_built_in_and_uploaded_agents_give_the_same_records(service: Service, he
         orders = [
             one.submit(info_of(STEADY), short(2), kind=AgentKind.BUILTIN),
             one.submit(uploaded, short(), kind=AgentKind.ONNX),
+            one.submit(info_of(STEADY), TWO, kind=AgentKind.BUILTIN, others={"front": uploaded}),
         ]
         found.append([one.hashes(order) for order in orders])
     assert found[0] == found[1]
-    assert len({*found[0][0], *found[0][1]}) == 3
+    assert len({*found[0][0], *found[0][1], *found[0][2]}) == 4
 
 
 def test_a_policy_worker_drives_in_a_process_of_the_service_all_the_same(service: Service, here: Service) -> None:
