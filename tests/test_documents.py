@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tomllib
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,15 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
                     load_entry(resolve(one), "agent")
                 else:
                     make_agent(agent_entries().get(one, one))
+
+
+@document
+def test_every_module_of_a_command_exists(path: Path) -> None:
+    if path.name == "CHANGELOG.md":  # it also names what is gone
+        return
+    for words in map(str.split, shell_lines(path.read_text())):
+        if words[:2] == ["python", "-m"] and words[2].startswith(("dohyo.", "tests.")):
+            assert find_spec(words[2]) is not None, words
 
 
 def test_every_option_in_the_readme_exists() -> None:
