@@ -13,6 +13,7 @@ from typing import ClassVar, Final
 
 from dohyo.agents.endless_driving.observation import ACTION_REPEAT, TargetSpeed, make_view
 from dohyo.agents.endless_driving.task import TownConfig
+from dohyo.agents.learning.files.card import CARDS
 from dohyo.agents.learning.policies.policy_agent import PolicyAgent
 from dohyo.agents.learning.policies.trained import card_of, policy_file
 
@@ -45,6 +46,7 @@ class EndlessDriver(PolicyAgent):
         seen = make_view(town.view, town.max_speed, town.history, town.side)
         decoder = TargetSpeed(town.max_speed)
         super().__init__(self.trainer, path, seen, decoder, frames=frames, action_repeat=ACTION_REPEAT)
+        self.files = (*self.files, path.with_name(CARDS))
 
 
 def town_of(policy: Path, trainer: str) -> TownConfig:

@@ -62,6 +62,7 @@ def test_an_agent_drives_as_its_card_says(tmp_path: Path) -> None:
         agent = make_agent(resolve("rlad"), {"policy": str(policy)})
         agent.reset(MISSION, 0)
         action = agent.act(seen(agent.spec, rng))
+        assert policy.with_name("card.json") in agent.files, "records name by their hash what decides"
         told = agent.explain()
         assert told is not None
         driven.append(action[0] / (told["policy_action"][0] + 1.0))
