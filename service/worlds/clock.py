@@ -1,12 +1,16 @@
-"""Clock: when the ticks of a world may begin."""
+"""Clock: when the ticks of a world may begin, and requests for ticks that are sent twice."""
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Final, Literal
 
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.units import TICK_S
 
 Pace = Literal["lockstep", "realtime"]
+MOST_KEYS: Final = 1000
+"""Number of requests that a world remembers; the oldest is forgotten first."""
 
 
 class Clock:
@@ -46,3 +50,27 @@ class Clock:
         due = now if self._due is None else self._due
         self.overruns += self.realtime and now > due + period
         self._due = due + period if now <= due + period else now + period
+
+
+@dataclass(slots=True)
+class ObeyedSteps:
+    """Requests for ticks that a paused world has obeyed, by key, so that a repetition has no effect."""
+
+    _ticks: dict[str, int] = field(default_factory=dict)
+
+    def repeats(self, key: str, ticks: int) -> bool:
+        """Whether a request for so many ticks has been obeyed under a key.
+
+        Raises:
+            InvalidInputError: The key was used for another number of ticks.
+        """
+        before = self._ticks.get(key)
+        if before not in (None, ticks):
+            raise InvalidInputError("Idempotency-Key: this key was used for another request")
+        return before is not None
+
+    def remember(self, key: str, ticks: int) -> None:
+        """Notes that a request was obeyed."""
+        self._ticks[key] = ticks
+        if len(self._ticks) > MOST_KEYS:
+            del self._ticks[next(iter(self._ticks))]

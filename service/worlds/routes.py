@@ -82,9 +82,18 @@ async def pause_world(identifier: Identifier, caller: Submitter, services: Servi
 
 
 @router.post("/worlds/{identifier}/step", responses=problems(403, 404, 409, 413))
-async def step_world(identifier: Identifier, order: StepRequest, caller: Submitter, services: ServicesOf) -> WorldView:
-    """Lets a paused world go on for some ticks, each of which waits for all who joined."""
-    (await live_world(services, caller, identifier)).allow(order.ticks)
+async def step_world(
+    identifier: Identifier,
+    order: StepRequest,
+    caller: Submitter,
+    services: ServicesOf,
+    idempotency_key: IdempotencyKey = None,
+) -> WorldView:
+    """Lets a paused world go on for some ticks, each of which waits for all who joined.
+
+    A request without an Idempotency-Key that is sent twice lets it go on twice as far; with one, only once.
+    """
+    (await live_world(services, caller, identifier)).allow(order.ticks, idempotency_key)
     return await _view(services, caller, identifier)
 
 

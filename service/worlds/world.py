@@ -26,7 +26,7 @@ from dohyo.service.spectating.audience import Audience
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.worlds.bodies import EgoOutcome, WorldReply, WorldStep
-from dohyo.service.worlds.clock import Clock, Pace
+from dohyo.service.worlds.clock import Clock, ObeyedSteps, Pace
 from dohyo.service.worlds.guests import Guests
 from dohyo.service.worlds.model import WorldStatus
 from dohyo.service.worlds.seat import Seat
@@ -74,7 +74,7 @@ class LiveWorld:
         self.seats = Seats(self.driving)
         self.begun, self.heard, self.ending = False, time.monotonic(), ""
         self.audience = Audience(lambda watched: process.send(Kind.WATCH, bytes([watched])), MOST_SPECTATORS)
-        self._told = b""
+        self._told, self._obeyed = b"", ObeyedSteps()
         self._process = process
         self._shown = Shown([], {}, {})
         self._revision, self._allowed, self._restarted = 0, 0, False
@@ -130,15 +130,24 @@ class LiveWorld:
         self._process.send(Kind.RESET, Reset(revision=self._revision, seed=self.seed).model_dump_json().encode())
         await self.shown()
 
-    def allow(self, ticks: int) -> None:
+    def allow(self, ticks: int, key: str | None = None) -> None:
         """Lets a paused world go on for so many ticks.
+
+        Args:
+            ticks: Number of ticks.
+            key: Key of the request; a repetition with the same key has no effect.
 
         Raises:
             ConflictError: It is not paused.
+            InvalidInputError: The key was used for another number of ticks.
         """
+        if key is not None and self._obeyed.repeats(key, ticks):
+            return
         if self.status is not WorldStatus.PAUSED:
             raise ConflictError(f"expected a paused world, this one is {self.status.value}")
         self._allowed += ticks
+        if key is not None:
+            self._obeyed.remember(key, ticks)
         self._renew()
         self._advance()
 

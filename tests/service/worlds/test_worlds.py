@@ -231,6 +231,19 @@ def listed_until(client: Client, world: str, true: Callable[[Any], bool]) -> Any
         time.sleep(0.1)
 
 
+def the_same_request_steps_once(client: Client, world: str) -> None:
+    client.order(world, "pause")
+    headers = {"authorization": f"Bearer {client.token}", "idempotency-key": "two ticks"}
+
+    def step(ticks: int) -> int:
+        address = f"{client.url}/v1/worlds/{world}/step"
+        return httpx.post(address, json={"ticks": ticks}, headers=headers, timeout=120).status_code
+
+    assert [step(2), step(2), step(2), step(3)] == [200, 200, 200, 422]
+    client.until(world, lambda found: found["tick"] >= 2)
+    assert client.order(world, "pause")["tick"] == 2
+
+
 def test_the_same_request_makes_one_world(client: Client) -> None:
     document = {"scenario": scenario(1).model_dump(mode="json")}
     headers = {"authorization": f"Bearer {client.token}", "idempotency-key": "once"}
@@ -242,6 +255,7 @@ def test_the_same_request_makes_one_world(client: Client) -> None:
         made = [one.result().json()["id"] for one in [pool.submit(send, document), pool.submit(send, document)]]
     assert made[0] == made[1] == send(document).json()["id"]
     assert send(document | {"record": True}).status_code == 422, "the key was for another request"
+    the_same_request_steps_once(client, made[0])
     client.order(made[0], "end")
     assert client.send("DELETE", f"/v1/worlds/{made[0]}").status_code == 204
     assert send(document).json()["id"] != made[0], "it was deleted"
