@@ -15,7 +15,7 @@ from dohyo.service.accounts.queries import find_token
 from dohyo.service.challenges.invitation_routes import redeem_invitation
 from dohyo.service.challenges.orders import Redemption
 from dohyo.service.challenges.views import RedeemedView
-from dohyo.service.dashboard.pages import keep_token, render
+from dohyo.service.dashboard.pages import keep_token, render, render_private
 from dohyo.service.dashboard.session import COOKIE, same_origin
 from dohyo.service.errors import ServiceError
 from dohyo.service.state import ServicesOf
@@ -43,15 +43,15 @@ def organise(request: Request, name: str) -> HTMLResponse:
 
 
 @router.get("/submit")
-def submit(request: Request) -> HTMLResponse:
+def submit(request: Request) -> Response:
     """Form that submits an agent."""
-    return render(request, "submit")
+    return render_private(request, "submit")
 
 
 @router.get("/account")
-def account(request: Request) -> HTMLResponse:
+def account(request: Request) -> Response:
     """The reader's tokens and agents."""
-    return render(request, "account")
+    return render_private(request, "account")
 
 
 @router.get("/join")

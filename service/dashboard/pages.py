@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any, Final
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse
@@ -77,6 +77,15 @@ def render(request: Request, template: str, *, status: int = 200, **values: Any)
     return HTMLResponse(page, status, headers={"cache-control": "no-store"})
 
 
+def render_private(request: Request, template: str, **values: Any) -> Response:
+    """A page that only callers with a token can fill: a visitor without one is led to the sign-in, and back."""
+    if COOKIE in request.cookies:
+        return render(request, template, **values)
+    url = request.url
+    back = f"{url.path}?{url.query}" if url.query else url.path
+    return RedirectResponse(f"/login?{urlencode({'next': back})}", status_code=303)
+
+
 @router.get("/")
 def leaderboard(request: Request) -> HTMLResponse:
     """The leaderboard."""
@@ -114,15 +123,15 @@ def episode(request: Request, episode: str) -> HTMLResponse:
 
 
 @router.get("/worlds")
-def worlds(request: Request) -> HTMLResponse:
+def worlds(request: Request) -> Response:
     """The worlds of the token's owner, and how to make one."""
-    return render(request, "worlds")
+    return render_private(request, "worlds")
 
 
 @router.get("/worlds/{world}")
-def world(request: Request, world: str) -> HTMLResponse:
+def world(request: Request, world: str) -> Response:
     """One world, live while it lives, its replay afterwards."""
-    return render(request, "world", world=world)
+    return render_private(request, "world", world=world)
 
 
 @router.get("/compare")

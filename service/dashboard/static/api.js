@@ -90,7 +90,8 @@ export async function page(run) {
   try {
     await run();
   } catch (error) {
-    console.warn(error);
+    if (error instanceof ApiError) console.info(error.message);
+    else console.warn(error);
     fill(byId("content"), failure(error));
     byId("content").dataset.state = "failed";
     return;

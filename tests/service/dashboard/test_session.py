@@ -44,6 +44,16 @@ def test_the_cookie_reads_and_an_authorization_comes_first(client: httpx.Client)
     assert client.get("/v1/echo", headers={"authorization": "Bearer another"}).json() == "Bearer another"
 
 
+@pytest.mark.parametrize("path", ["/worlds", "/worlds/wo-1", "/account", "/submit?challenge=autumn"])
+def test_a_private_page_leads_a_visitor_without_a_token_to_sign_in_and_back(client: httpx.Client, path: str) -> None:
+    led = client.get(path, headers=HTML)
+    address = httpx.URL(led.headers["location"])
+    assert (led.status_code, address.path, address.params["next"]) == (303, "/login", path)
+    back = client.post("/login", data={"token": fakes.TOKEN, "next": address.params["next"]})
+    assert back.headers["location"] == path
+    assert client.get(path, headers=HTML).status_code == 200
+
+
 @pytest.mark.parametrize(
     "headers",
     [
