@@ -113,24 +113,32 @@ def _spec(entry: str) -> dict[str, Any]:
 
 
 def describe_agent(entry: str, settings: Mapping[str, Any], kind: Kind = "local") -> AgentInfo:
-    """Description of an agent that drives cars or parks karts; it is made for it.
+    """Description of an agent of any family; it is made for it.
 
     Raises:
         InvalidInputError: The agent cannot be made.
     """
-    from dohyo.evaluation.agent import agent_info, make_agent
-    from dohyo.evaluation.parking.agent import make_parking_agent
+    from dohyo.evaluation.agent import agent_info
 
-    agent: Any
-    try:
-        agent = make_agent(entry, settings)
-    except OtherFamilyError:
-        agent = make_parking_agent(entry, settings)
+    agent = _make_of_any_family(entry, settings)
     try:
         return agent_info(agent, entry, settings, kind)
     finally:
         if hasattr(agent, "close"):
             agent.close()
+
+
+def _make_of_any_family(entry: str, settings: Mapping[str, Any]) -> Any:
+    from dohyo.agents.forecasting.agent import make_forecast_agent
+    from dohyo.evaluation.agent import make_agent
+    from dohyo.evaluation.parking.agent import make_parking_agent
+
+    for make in (make_forecast_agent, make_agent):  # the first decides by the class, without making it
+        try:
+            return make(entry, settings)
+        except OtherFamilyError:
+            continue
+    return make_parking_agent(entry, settings)
 
 
 def resolve(name: str) -> str:

@@ -12,6 +12,8 @@ PARKING_CONTROL: Final = "torque_steering_brake"
 """Control of agents that park: (3,) shares of motor torque, steering angle and brake torque."""
 PLANNING_CONTROL: Final = "target_speeds"
 """Control of planners of freeway mornings: (lanes, cells) of target speeds, m/s."""
+FORECASTING_CONTROL: Final = "speeds_ahead"
+"""Control of forecasters: (3, N) speeds of N segments in the next three minutes, m/s."""
 
 
 class Family(StrEnum):
@@ -20,6 +22,7 @@ class Family(StrEnum):
     DRIVING = "driving"
     FREEWAY = "freeway"
     PARKING = "parking"
+    FORECASTING = "forecasting"
 
     @property
     def label(self) -> str:
@@ -31,8 +34,13 @@ AGENTS: Final[Mapping[Family, str]] = {
     Family.DRIVING: "agents that drive cars",
     Family.PARKING: f"agents that park karts (control '{PARKING_CONTROL}')",
     Family.FREEWAY: f"planners (control '{PLANNING_CONTROL}')",
+    Family.FORECASTING: f"forecasters (control '{FORECASTING_CONTROL}')",
 }
-_CONTROLS: Final[Mapping[str, Family]] = {PARKING_CONTROL: Family.PARKING, PLANNING_CONTROL: Family.FREEWAY}
+_CONTROLS: Final[Mapping[str, Family]] = {
+    PARKING_CONTROL: Family.PARKING,
+    PLANNING_CONTROL: Family.FREEWAY,
+    FORECASTING_CONTROL: Family.FORECASTING,
+}
 
 
 class OtherFamilyError(InvalidInputError):

@@ -113,12 +113,12 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
                 module, _, name = agent_entries().get(agent, agent).partition(":")
                 assert hasattr(import_module(module), name), agent
             continue
-        if family is Family.FREEWAY:
+        if family in (Family.FREEWAY, Family.FORECASTING):
             assert agent in ("NAME", "persistence", *shipped(), PLANNER, NOBODY)
             continue
         agents = {agent, *(after for word, after in pairwise(words) if word == "--agent" and "=" in after)}
         for one in {name.partition("=")[2] or name for name in agents}:
-            if one not in ("NAME", "AGENT", ONNX, "module:Class", "my_module:MyAgent"):
+            if one not in ("NAME", "AGENT", ONNX, "module:Class", "my_module:MyAgent", "my_module:MyForecaster"):
                 if one in TRAINABLE:  # they need a policy
                     load_entry(resolve(one), "agent")
                 else:

@@ -1,7 +1,7 @@
 """Benchmarks `forecast-easy` and `forecast-hard`: one forecaster on held-out days.
 
 The days are made on first use and kept. A forecaster is a shipped name, a .safetensors or .onnx file, `persistence`,
-or "module:Class" of a `Forecaster` that needs no training.
+"module:Class" of a `Forecaster` that needs no training, or `forecaster` with its setting `model`, as at a service.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from typing import Any
 
 import numpy as np
 
+from dohyo.agents.forecasting.agent import NAME, ShippedForecaster
 from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.reading import read_set
 from dohyo.agents.forecasting.data.speed_table import UNITS
-from dohyo.agents.forecasting.data.windows import HORIZON, Windows, make_windows
+from dohyo.agents.forecasting.data.windows import Windows, make_windows
+from dohyo.agents.forecasting.judge import forecast_all, measures_by_stretch
 from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster, shipped
-from dohyo.agents.forecasting.scores import Errors, errors
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.agents.forecasting.study.latency import measure
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder
-from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Metric, Units, claim, write_result
+from dohyo.evaluation.freeway.day import METRICS
+from dohyo.evaluation.freeway.result import AgentFacts, FreewayResult, Units, claim, write_result
 from dohyo.evaluation.settings import check_settings
 from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -36,13 +38,6 @@ from dohyo.sumo_networks.freeway.road import load_freeway
 TIMED, WARM_UPS = 2000, 200
 Progress = Callable[[int, int, float], None]
 """Called with: finished days, their number, and the share of the present one."""
-
-METRICS = (
-    Metric("mse", "MSE of normalised speed, mean of three minutes", "x 10^3", "lower"),
-    *(Metric(f"mse_{row}", f"the same, t+{row} min", "x 10^3", "lower") for row in range(1, HORIZON + 1)),
-    *(Metric(f"rmse_{row}", f"RMSE, t+{row} min", "km/h", "lower", root=True) for row in range(1, HORIZON + 1)),
-    Metric("mse_true", "MSE against the speed of all vehicles", "x 10^3", "lower"),
-)
 
 
 def evaluate_forecaster(
@@ -83,8 +78,8 @@ def evaluate_forecaster(
         agent=facts,
         reference=simple.name,
         metrics=METRICS,
-        units=_units(errors(forecaster, windows, free_mps), names),
-        reference_units=_units(errors(simple, windows, free_mps), names),
+        units=_units(forecaster, windows, free_mps, names),
+        reference_units=_units(simple, windows, free_mps, names),
         versions={key: str(found[key]) for key in ("dohyo", "sumo", "network_sha256")},
         timing=_latency(forecaster, windows),
     )
@@ -121,6 +116,11 @@ def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> t
     """
     if ":" in name:
         return _of_class(name, segments, settings)
+    if name == NAME:
+        check_settings(ShippedForecaster, f"forecaster '{name}'", settings)
+        made = ShippedForecaster(**settings)
+        content = b"".join(one.read_bytes() for one in made.files)
+        return made.forecaster, AgentFacts(name, dict(settings), hashlib.sha256(content).hexdigest())
     check_settings(ShippedSettings, f"forecaster '{name}'", settings)
     exported = ShippedSettings(**settings).exported
     if name == Persistence.name:
@@ -145,19 +145,10 @@ def _of_class(entry: str, segments: int, settings: Mapping[str, Any]) -> tuple[F
     return made, AgentFacts(entry, dict(settings), hashlib.sha256(source).hexdigest())
 
 
-def _units(got: Errors, names: tuple[str, ...]) -> Units:
+def _units(forecaster: Forecaster, windows: Windows, free_mps: float, names: tuple[str, ...]) -> Units:
     """Values of each day."""
-    kmh = got.squared / UNITS["km/h"] ** 2
-    true = got.squared_true
-    out: dict[str, dict[str, float]] = {}
-    for day, name in enumerate(names):
-        values = {"mse": float(got.normalised[day].mean())}
-        for row in range(HORIZON):
-            values[f"mse_{row + 1}"] = float(got.normalised[day, row])
-            values[f"rmse_{row + 1}"] = float(kmh[day, row])
-        values["mse_true"] = float(1e3 * true[day].mean() / got.free_mps**2) if true is not None else 0.0
-        out[name] = {key: round(value, 6) for key, value in values.items()}
-    return out
+    ahead = forecast_all(forecaster.predict, windows)
+    return dict(zip(names, measures_by_stretch(ahead, windows, free_mps), strict=True))
 
 
 def _latency(forecaster: Forecaster, windows: Windows) -> dict[str, float]:

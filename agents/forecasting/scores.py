@@ -45,7 +45,11 @@ class Errors:
 
 def errors(forecaster: Forecaster, windows: Windows, free_mps: float) -> Errors:
     """The errors of one forecaster on the windows of a set."""
-    ahead = forecaster.predict_many(windows.history, windows.time_s)
+    return errors_of(forecaster.predict_many(windows.history, windows.time_s), windows, free_mps)
+
+
+def errors_of(ahead: Float32Array, windows: Windows, free_mps: float) -> Errors:
+    """The errors of forecasts (B, 3, N), m/s, one for each window."""
     squared = by_stretch((ahead - windows.target) ** 2, windows)
     true = None if windows.truth is None else by_stretch((ahead - windows.truth) ** 2, windows)
     return Errors(squared, true, free_mps)

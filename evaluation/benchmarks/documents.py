@@ -13,8 +13,13 @@ BENCHMARKS = Path(__file__).parent
 _OF_A_CELL = ("network", "traffic", "conditions", "events")
 
 
-_FOLDERS = {Family.DRIVING: ".", Family.FREEWAY: "freeway", Family.PARKING: "parking"}
-_FAMILIES = {"forecast": Family.FREEWAY, "traffic": Family.FREEWAY, "parking": Family.PARKING}
+_FOLDERS = {
+    Family.DRIVING: ".",
+    Family.FREEWAY: "freeway",
+    Family.PARKING: "parking",
+    Family.FORECASTING: "forecasting",
+}
+_FAMILIES = {"forecast": Family.FORECASTING, "traffic": Family.FREEWAY, "parking": Family.PARKING}
 """Family by the key `kind` of a file; files without it are of driving."""
 
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
+from dohyo.evaluation.benchmarks.documents import find_family
 from dohyo.evaluation.benchmarks.loading import load
 from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config, Name
@@ -15,6 +16,7 @@ from dohyo.sumo_networks.networks.entries import user_catalog
 from dohyo.sumo_networks.scenario import content_hash
 
 if TYPE_CHECKING:
+    from dohyo.evaluation.freeway.day import DayScenario
     from dohyo.evaluation.freeway.morning import MorningScenario
     from dohyo.sumo_networks.freeway.dataset import DatasetRequest
 
@@ -49,7 +51,7 @@ class ForecastBenchmark(_Named):
     Attributes:
         days: Kind of days: whole days in meso (easy), or mornings of dense congestion in micro (hard).
         number: Number of days.
-        seed: Seed of the days; different sets with the same seed have different days.
+        seed: Seed of the days by default; different sets with the same seed have different days.
         probes: Share of the vehicles that report their speed, in [0, 1].
         free_kmh: Speed that is normalised to 1, km/h.
     """
@@ -62,6 +64,24 @@ class ForecastBenchmark(_Named):
     seed: Annotated[int, Field(ge=0)]
     probes: Annotated[float, Field(gt=0, le=1)] = 0.15
     free_kmh: Annotated[float, Field(gt=0)]
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seed of the days that are forecast by default."""
+        return (self.seed,)
+
+    @property
+    def size(self) -> int:
+        """Number of days per seed."""
+        return self.number
+
+    def scenarios(self, seeds: Sequence[int] | None = None) -> tuple[DayScenario, ...]:
+        """All days of each seed; None: of the default seed."""
+        from dohyo.evaluation.freeway.day import DayScenario
+
+        numbers = range(1, self.number + 1)
+        given = self.seeds if seeds is None else seeds
+        return tuple(DayScenario(benchmark=self, seed=seed, number=number) for seed in given for number in numbers)
 
     @property
     def order(self) -> DatasetRequest:
@@ -105,17 +125,26 @@ class TrafficBenchmark(_Named):
 
 
 FreewayBenchmark = ForecastBenchmark | TrafficBenchmark
-_READ: TypeAdapter[FreewayBenchmark] = TypeAdapter(Annotated[FreewayBenchmark, Field(discriminator="kind")])
 
 
 def load_freeway_benchmark(name: str) -> FreewayBenchmark:
-    """Loads a benchmark of the freeway by its name, or from the path of a .toml file.
+    """Loads a benchmark on the freeway by its name, or from the path of a .toml file.
 
     Raises:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    return load(name, Family.FREEWAY, _READ.validate_python)
+    return load_forecasting(name) if find_family(name) is Family.FORECASTING else load_traffic(name)
+
+
+def load_forecasting(name: str) -> ForecastBenchmark:
+    """Loads a benchmark of forecasts; errors as of `load_freeway_benchmark`."""
+    return load(name, Family.FORECASTING, ForecastBenchmark.model_validate)
+
+
+def load_traffic(name: str) -> TrafficBenchmark:
+    """Loads a benchmark of mornings; errors as of `load_freeway_benchmark`."""
+    return load(name, Family.FREEWAY, TrafficBenchmark.model_validate)
 
 
 def days_folder(benchmark: ForecastBenchmark) -> Path:

@@ -1,29 +1,27 @@
-"""Mornings of a traffic benchmark: the scenario of one seed, and the record of one drive of it.
-
-A record is one JSON file. Its hash covers everything in it except the wall-clock time.
-"""
+"""Mornings of a traffic benchmark: the scenario of one seed, and the record of one drive of it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
+from dohyo.evaluation.freeway.records import (
+    LARGEST_BYTES,
+    FreewayRecord,
+    facts_at,
+    parse_freeway_record,
+    write_freeway_record,
+)
 from dohyo.evaluation.records.foreign_files import read_limited
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES
 from dohyo.evaluation.running.manifest import ResultManifest
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
-from dohyo.sumo_networks.scenario import content_hash
 
 MORNING, PLANNER = "morning", "planner"
-LARGEST_BYTES = 1_000_000
 WHAT = "the record of a morning"
 LOWER_IS_BETTER = frozenset(
     {"speed_std_mps", "speed_std_within_mps", "fuel_circles_g_km", "collisions", "close_share", "waiting"}
@@ -46,7 +44,7 @@ class MorningScenario(Config):
     seed: int
 
 
-class MorningRecord(Config):
+class MorningRecord(FreewayRecord):
     """The facts of one morning.
 
     Attributes:
@@ -58,8 +56,6 @@ class MorningRecord(Config):
         outcome: Measures of all vehicles (`dohyo.evaluation.scores.traffic.Outcome`); a measure is None where no
             vehicle gave a value, and all are left out after a failure.
         plans: Number of plans that the planner published.
-        wall_s: Wall-clock time, s; in no hash.
-        record_hash: Hex sha256 of all the rest.
     """
 
     format: Literal[1] = 1
@@ -69,23 +65,11 @@ class MorningRecord(Config):
     failure: str | None = None
     outcome: Mapping[str, float | None] = Field(default_factory=dict)
     plans: int = 0
-    wall_s: float = 0.0
-    record_hash: str = ""
-
-    def sealed(self) -> MorningRecord:
-        """The record with its hash."""
-        return self.model_copy(update={"record_hash": self.content_hash()})
-
-    def content_hash(self) -> str:
-        """Hash of the facts."""
-        facts: dict[str, Any] = self.model_dump(mode="json", exclude={"record_hash", "wall_s"})
-        return content_hash(facts)
 
 
 def write_morning(directory: Path, stem: str, record: MorningRecord) -> None:
     """Writes a record, complete or not at all."""
-    directory.mkdir(parents=True, exist_ok=True)
-    write_atomically(directory / f"{stem}.json", record.sealed().model_dump_json(indent=1).encode())
+    write_freeway_record(directory, stem, record)
 
 
 def read_morning(path: Path) -> MorningRecord:
@@ -107,13 +91,7 @@ def parse_morning(content: bytes, path: str) -> MorningRecord:
     Raises:
         InvalidInputError: It is no record of a morning, or its hash is another one.
     """
-    try:
-        record = MorningRecord.model_validate_json(content)
-    except ValidationError as error:
-        raise InvalidInputError(f"{path}: expected {WHAT}: {error.errors()[0]['msg']}") from error
-    if record.record_hash != record.content_hash():
-        raise InvalidInputError(f"{path}: the record has been changed: its hash is another one")
-    return record
+    return parse_freeway_record(content, path, MorningRecord, WHAT)
 
 
 def is_morning(path: Path) -> bool:
@@ -122,11 +100,8 @@ def is_morning(path: Path) -> bool:
     Raises:
         InvalidInputError: The file is missing or too large.
     """
-    try:
-        document = json.loads(read_limited(path, "a record", FACTS_LIMIT_BYTES))
-    except (ValueError, RecursionError):
-        return False
-    return isinstance(document, dict) and "plans" in document and "egos" not in document
+    facts = facts_at(path)
+    return "plans" in facts and "egos" not in facts
 
 
 class MorningsManifest(ResultManifest):

@@ -147,11 +147,11 @@ class FreewayResult:
 
     def _estimate(self, metric: Metric, units: Units) -> Estimate:
         found = mean_estimate([values[metric.key] for values in units.values()])
-        return _root(found) if metric.root else found
+        return root_estimate(found) if metric.root else found
 
 
-def _root(squares: Estimate) -> Estimate:
-    """The root is monotonic, so the roots of an interval's ends are the interval of the root."""
+def root_estimate(squares: Estimate) -> Estimate:
+    """Estimate of a root from that of squares: the root is monotonic, so the ends of the interval have roots too."""
     mean, low, high = (
         None if one is None else math.sqrt(max(one, 0.0)) for one in (squares.mean, squares.low, squares.high)
     )

@@ -1,21 +1,35 @@
-"""Benchmarks by name and from their stored documents: of drives, of parking lots, and of freeway mornings."""
+"""Benchmarks by name and from their stored documents: of drives, parking lots, freeway mornings, and forecasts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.families import Family, OtherFamilyError, check_family
-from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, TrafficBenchmark, load_forecasting, load_traffic
+from dohyo.evaluation.freeway.day import DayScenario
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.parking.benchmark import LotScenario, ParkingBenchmark, load_parking_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Scenario
 
-AnyBenchmark = Benchmark | TrafficBenchmark | ParkingBenchmark
-AnyScenario = Scenario | MorningScenario | LotScenario
+AnyBenchmark = Benchmark | TrafficBenchmark | ParkingBenchmark | ForecastBenchmark
+AnyScenario = Scenario | MorningScenario | LotScenario | DayScenario
+
+_LOADERS: Final[Mapping[Family, Callable[[str], AnyBenchmark]]] = {
+    Family.DRIVING: load_benchmark,
+    Family.PARKING: load_parking_benchmark,
+    Family.FREEWAY: load_traffic,
+    Family.FORECASTING: load_forecasting,
+}
+_KINDS: Final[Mapping[str, type[TrafficBenchmark | ParkingBenchmark | ForecastBenchmark]]] = {
+    "traffic": TrafficBenchmark,
+    "parking": ParkingBenchmark,
+    "forecast": ForecastBenchmark,
+}
+"""Type of a document by its `kind`; documents without it are of drives."""
 
 
 def family_of(benchmark: AnyBenchmark) -> Family:
@@ -27,6 +41,8 @@ def family_of(benchmark: AnyBenchmark) -> Family:
             return Family.PARKING
         case TrafficBenchmark():
             return Family.FREEWAY
+        case ForecastBenchmark():
+            return Family.FORECASTING
 
 
 def check_agent(info: Mapping[str, Any], benchmark: AnyBenchmark) -> None:
@@ -50,30 +66,18 @@ def find_benchmark(name: str) -> AnyBenchmark:
     """A benchmark of the catalog by its name; a name is never used as a path.
 
     Raises:
-        UnknownNameError: There is none, or the service does not evaluate it.
+        UnknownNameError: There is none.
     """
-    if name in benchmark_names(Family.DRIVING):
-        return load_benchmark(name)
-    if name in benchmark_names(Family.PARKING):
-        return load_parking_benchmark(name)
-    if name in benchmark_names(Family.FREEWAY):
-        found = load_freeway_benchmark(name)
-        if isinstance(found, TrafficBenchmark):
-            return found
+    for family, load in _LOADERS.items():
+        if name in benchmark_names(family):
+            return load(name)
     raise UnknownNameError("benchmark", name, _names())
 
 
 def read_benchmark(document: Mapping[str, Any]) -> AnyBenchmark:
     """A benchmark from its stored document."""
-    if document.get("kind") == "traffic":
-        return TrafficBenchmark.model_validate(document)
-    if document.get("kind") == "parking":
-        return ParkingBenchmark.model_validate(document)
-    return Benchmark.model_validate(document)
+    return _KINDS.get(str(document.get("kind")), Benchmark).model_validate(document)
 
 
 def _names() -> list[str]:
-    freeway = [
-        name for name in benchmark_names(Family.FREEWAY) if isinstance(load_freeway_benchmark(name), TrafficBenchmark)
-    ]
-    return [*benchmark_names(Family.DRIVING), *benchmark_names(Family.PARKING), *freeway]
+    return [name for family in _LOADERS for name in benchmark_names(family)]

@@ -8,6 +8,8 @@ from fastapi import APIRouter
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.families import Family
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark
+from dohyo.evaluation.freeway.day import DAY
 from dohyo.evaluation.freeway.morning import MORNING
 from dohyo.evaluation.parking.benchmark import LOT, ParkingBenchmark
 from dohyo.service.accounts.access import Reader
@@ -60,6 +62,9 @@ def _view(benchmark: AnyBenchmark) -> BenchmarkView:
         }
     elif isinstance(benchmark, ParkingBenchmark):
         facts = {"kind": Family.PARKING, "rules": None, "networks": [], "cells": [LOT], "egos": []}
+    elif isinstance(benchmark, ForecastBenchmark):
+        facts = {"kind": Family.FORECASTING, "rules": None, "networks": [benchmark.network], "cells": [DAY]}
+        facts |= {"egos": []}
     else:
         facts = {"kind": Family.FREEWAY, "rules": None, "networks": [benchmark.network], "cells": [MORNING]}
         facts |= {"egos": []}

@@ -22,10 +22,10 @@ class BenchmarkView(View):
         Family,
         Field(
             description="driving: agents drive cars. parking: agents park karts. freeway: planners of connected cars "
-            "smooth a morning's traffic."
+            "smooth a morning's traffic. forecasting: forecasters of the speeds of the next minutes."
         ),
     ]
-    headline: Annotated[Headline | Literal["speed_std_mps"], Field(description="The score that ranks agents.")]
+    headline: Annotated[Headline | Literal["speed_std_mps", "mse"], Field(description="The score that ranks agents.")]
     metric: Annotated[str, Field(description="How that score is computed, in words.")]
     rules: Annotated[str | None, Field(description="Of the driving score; null where no car is driven.")]
     networks: list[str]

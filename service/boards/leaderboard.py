@@ -16,6 +16,7 @@ from dohyo.evaluation.statistics import Estimate, significantly_below
 from dohyo.service.boards.model import Counts
 from dohyo.service.evaluations.scoring import (
     CLOSED_LOOP_SCORES,
+    FORECAST_SCORES,
     MORNING_SCORES,
     PARKING_SCORES,
     Drive,
@@ -26,8 +27,8 @@ from dohyo.service.evaluations.scoring import (
 from dohyo.sumo_networks.arrays import FloatArray
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
-OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES)
-"""Columns of benchmarks that rank by nuPlan's score or one of its terms, of freeway mornings, and of parking lots."""
+OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES, *FORECAST_SCORES)
+"""Columns of benchmarks that rank by nuPlan's score or one of its terms, of mornings, parking lots and forecasts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +213,8 @@ def columns_of(metric: str, family: Family) -> tuple[str, ...]:
     """The scores that a leaderboard shows."""
     if family is Family.PARKING:
         return PARKING_SCORES
+    if family is Family.FORECASTING:
+        return FORECAST_SCORES
     if metric in MORNING_SCORES:
         return MORNING_SCORES
     if metric in CLOSED_LOOP_SCORES:

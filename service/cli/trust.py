@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from dohyo.evaluation.agent import Agent
-from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.service.cli.own_modules import find_own_modules
-from dohyo.service.episodes.recorded_agents import UntrustedRecordError, build_agents
+from dohyo.service.episodes.recorded_agents import UntrustedRecordError, build_agents, check_known
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Trust = Annotated[
@@ -40,3 +40,18 @@ def trusted_agents(record: EpisodeRecord, path: Path, trust: bool, policy: Path 
         raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the record names)") from error
     except InvalidInputError as error:
         raise InvalidInputError(f"'{path}': {error}") from error
+
+
+def check_trusted(agent: AgentInfo, path: Path, trust: bool) -> None:
+    """Checks that the agent of a record of parking or forecasts may be built; with `trust`, any agent may.
+
+    Raises:
+        InvalidInputError: As for `check_known`; the message names the record and the option.
+    """
+    if trust:
+        find_own_modules()
+        return
+    try:
+        check_known(agent)
+    except UntrustedRecordError as error:
+        raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the record names)") from error

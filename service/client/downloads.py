@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from pydantic import ValidationError
 
+from dohyo.evaluation.freeway.day import DAY, DayRecord, parse_day
 from dohyo.evaluation.freeway.morning import MORNING, MorningRecord, parse_morning
 from dohyo.evaluation.parking.benchmark import LOT
 from dohyo.evaluation.parking.record import ParkingRecord
@@ -22,8 +23,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 if TYPE_CHECKING:
     from dohyo.service.client.answers import EpisodeView
 
-_Parser = Callable[[bytes, str], EpisodeRecord | MorningRecord | ParkingRecord]
-_PARSERS: Final[Mapping[str, _Parser]] = {MORNING: parse_morning, LOT: parse_lot}
+_Parser = Callable[[bytes, str], EpisodeRecord | MorningRecord | ParkingRecord | DayRecord]
+_PARSERS: Final[Mapping[str, _Parser]] = {MORNING: parse_morning, LOT: parse_lot, DAY: parse_day}
 
 SIGNATURE_HEADER: Final = "dohyo-signature"
 
@@ -33,8 +34,8 @@ class Download:
 
     Attributes:
         path: Path of the record's JSON file.
-        parts: Path, request and largest size of each file; the facts come last, as in `write_record`. A freeway morning
-            has no trajectories.
+        parts: Path, request and largest size of each file; the facts come last, as in `write_record`. Mornings and
+            days of forecasts have no trajectories.
     """
 
     def __init__(self, episode: EpisodeView, folder: Path) -> None:
@@ -52,7 +53,7 @@ class Download:
         )
         facts = (self.path, record, FACTS_LIMIT_BYTES)
         table = (self.path.with_suffix(".parquet"), trajectory, TABLE_LIMIT_BYTES)
-        self.parts = (facts,) if cell == MORNING else (table, facts)
+        self.parts = (facts,) if cell in (MORNING, DAY) else (table, facts)
 
     def files(self, path: Path, content: bytes, headers: Mapping[str, str]) -> list[tuple[Path, bytes]]:
         """Files to write for one answer: itself, and the signature of the facts before them.

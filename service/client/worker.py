@@ -21,10 +21,12 @@ from typing import Any
 
 import numpy as np
 
+from dohyo.agents.forecasting.agent import make_forecast_agent
 from dohyo.evaluation.agent import Agent, agent_info, make_agent
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import describe
-from dohyo.evaluation.families import PARKING_CONTROL, OtherFamilyError
+from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL, OtherFamilyError
+from dohyo.evaluation.freeway.day import check_forecast
 from dohyo.service.client.worker_session import (
     Drive,
     LeaseLostError,
@@ -34,6 +36,8 @@ from dohyo.service.client.worker_session import (
     WireError,
     WorkerSession,
 )
+from dohyo.service.forecasting.interface import forecast_shape
+from dohyo.service.forecasting.worker_agent import Predictor
 from dohyo.service.parking.interface import check_action as check_parking
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -98,6 +102,10 @@ class Driver:
         return made
 
     def _make(self) -> Agent:
+        try:
+            return Predictor(make_forecast_agent(self.entry, self.settings))
+        except OtherFamilyError:  # most agents; their modules are loaded only once
+            pass
         try:
             return make_agent(self.entry, self.settings)
         except OtherFamilyError:
@@ -184,6 +192,8 @@ def _check_of(control: str) -> Callable[[np.ndarray], object]:
     """Function that raises InvalidActionError for an action that a control cannot take."""
     if control == PARKING_CONTROL:
         return check_parking
+    if control == FORECASTING_CONTROL:
+        return lambda given: check_forecast(given, forecast_shape())
     return make_control(control, VehicleParameters(), TICK_S).checked
 
 

@@ -10,7 +10,9 @@ import os
 import shutil
 from pathlib import Path
 
+from dohyo.evaluation.freeway.day import DayRecord, DayScenario, read_day
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, read_morning
+from dohyo.evaluation.freeway.records import FreewayRecord
 from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.parking.lot_files import read_lot, read_lot_motion
 from dohyo.evaluation.parking.record import ParkingRecord
@@ -21,7 +23,7 @@ from dohyo.service.settings import Settings
 from dohyo.service.storage.files import file_lock
 from dohyo.sumo_networks.errors import InvalidInputError
 
-Record = EpisodeRecord | MorningRecord | ParkingRecord
+Record = EpisodeRecord | MorningRecord | ParkingRecord | DayRecord
 
 
 def staged_folder(settings: Settings, evaluation_id: str) -> Path:
@@ -65,6 +67,8 @@ def _read(staged: Path, scenario: AnyScenario) -> Record:
     match scenario:
         case MorningScenario():
             return read_morning(staged)
+        case DayScenario():
+            return read_day(staged)
         case LotScenario():
             lot = read_lot(staged)
             read_lot_motion(staged, lot)  # must be there and whole
@@ -85,7 +89,7 @@ def ensure_archived(settings: Settings, staged: Path, record: Record) -> None:
             return
         facts.parent.mkdir(parents=True, exist_ok=True)
         # A record exists once its JSON file does, so that file comes last.
-        if not isinstance(record, MorningRecord):
+        if not isinstance(record, FreewayRecord):
             _link(staged.with_suffix(".parquet"), facts.with_suffix(".parquet"))
         _link(staged, facts)
 

@@ -14,7 +14,8 @@ from typing import Annotated, BinaryIO, Final, TypeVar
 from fastapi import Depends, Request
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
-from dohyo.evaluation.freeway.benchmark import TrafficBenchmark
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, TrafficBenchmark
+from dohyo.evaluation.freeway.day import DAY, read_day
 from dohyo.evaluation.freeway.morning import MORNING, read_morning
 from dohyo.evaluation.parking.benchmark import LOT
 from dohyo.evaluation.parking.lot_files import read_lot, read_lot_motion
@@ -72,7 +73,7 @@ class Readers:
         """The same, of a benchmark of drives.
 
         Raises:
-            ConflictError: It is one of parking lots, or of freeway mornings.
+            ConflictError: It is one of parking lots, freeway mornings or forecasts.
         """
         benchmark = self.stored(version)
         if not isinstance(benchmark, Benchmark):
@@ -84,7 +85,7 @@ class Readers:
         match benchmark := self.stored(version):
             case Benchmark():
                 return next((one.network for one in benchmark.cells if one.name == cell), "")
-            case TrafficBenchmark():
+            case TrafficBenchmark() | ForecastBenchmark():
                 return benchmark.network
             case _:
                 return ""
@@ -178,7 +179,7 @@ def record_of(settings: Settings, episode: Episode) -> EpisodeRecord:
         GoneError: The record can no longer be read.
     """
     path = record_path(settings, episode)
-    _refuse_morning(path, episode)
+    _refuse_without_drives(path, episode)
     _refuse_lot(episode)
     return _checked(path, episode, read_record)
 
@@ -206,7 +207,7 @@ def trajectory_of(settings: Settings, episode: Episode) -> Trajectory:
         GoneError: The record can no longer be read.
     """
     path = record_path(settings, episode)
-    _refuse_morning(path, episode)
+    _refuse_without_drives(path, episode)
     try:
         return read_trajectory(path)
     except InvalidInputError as error:
@@ -221,7 +222,7 @@ def open_trajectory(settings: Settings, episode: Episode) -> BinaryIO:
         GoneError: The record can no longer be read.
     """
     path = record_path(settings, episode)
-    _refuse_morning(path, episode)
+    _refuse_without_drives(path, episode)
     with contextlib.ExitStack() as stack:
         try:
             file = stack.enter_context(path.with_suffix(".parquet").open("rb"))
@@ -242,6 +243,8 @@ def check_record(settings: Settings, episode: Episode) -> None:
     path = record_path(settings, episode)
     if _is_morning(path, episode):
         _checked(path, episode, read_morning)
+    elif is_day(episode):
+        _checked(path, episode, read_day)
     elif is_lot(episode):
         _checked(path, episode, read_lot)
     else:
@@ -264,6 +267,11 @@ def is_lot(episode: Episode) -> bool:
     return episode.cell == LOT
 
 
+def is_day(episode: Episode) -> bool:
+    """Whether an episode is a day of forecasts."""
+    return episode.cell == DAY
+
+
 def _refuse_lot(episode: Episode) -> None:
     if is_lot(episode):
         raise ConflictError(f"episode '{episode.id}' is in a parking lot: it has no drives on roads")
@@ -274,7 +282,9 @@ def _is_morning(path: Path, episode: Episode) -> bool:
     return episode.cell == MORNING and not path.with_suffix(".parquet").exists()
 
 
-def _refuse_morning(path: Path, episode: Episode) -> None:
+def _refuse_without_drives(path: Path, episode: Episode) -> None:
+    if is_day(episode):
+        raise ConflictError(f"episode '{episode.id}' is a day of forecasts: it has a record, but no trajectories")
     if _is_morning(path, episode):
         raise ConflictError(f"episode '{episode.id}' is a freeway morning: it has a record, but no trajectories")
 

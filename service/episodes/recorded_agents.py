@@ -18,6 +18,7 @@ from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.episode.runner import versions
 from dohyo.evaluation.records.mixed import agents_of
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.service.forecasting.interface import POLICY as FORECASTER
 from dohyo.service.parking.interface import POLICY as PARKER
 from dohyo.service.policies.agent import ENTRY as POLICY
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -27,6 +28,7 @@ from dohyo.sumo_networks.networks.entries import network_names
 POLICY_SETTINGS: Final[Mapping[str, frozenset[str]]] = {
     POLICY: frozenset({"sha256", "name", "track", "sensors", "control", "onnxruntime"}),
     PARKER: frozenset({"sha256", "name", "state", "onnxruntime"}),
+    FORECASTER: frozenset({"sha256", "name", "onnxruntime"}),
 }
 """Settings of an uploaded policy in a record, by its entry."""
 

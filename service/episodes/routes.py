@@ -21,6 +21,7 @@ from dohyo.service.episodes.readers import (
     ReadersOf,
     check_record,
     episode_for,
+    is_day,
     is_lot,
     lot_of,
     open_trajectory,
@@ -244,6 +245,8 @@ def _subject(episode: Episode) -> str:
 
 def _check_repeatable(services: Services, episode: Episode, evaluation: Evaluation) -> None:
     refuse_unrepeatable(evaluation)
+    if is_day(episode):
+        raise ConflictError("a day of forecasts is judged again by `dohyo verify RECORD`, and not by the service")
     check_record(services.settings, episode)
 
 

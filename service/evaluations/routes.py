@@ -12,6 +12,8 @@ from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark
+from dohyo.evaluation.freeway.day import DaysManifest
 from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark
 from dohyo.evaluation.parking.lot_files import LotsManifest
@@ -128,7 +130,7 @@ async def stream_evaluation_progress(
 @router.get("/{identifier}/manifest", responses=problems(403, 404))
 def get_evaluation_manifest(
     identifier: Identifier, caller: Reader, services: ServicesOf
-) -> Manifest | MorningsManifest | LotsManifest:
+) -> Manifest | MorningsManifest | LotsManifest | DaysManifest:
     """Manifest of an evaluation with the whole benchmark; with the records it makes a result folder."""
     with services.database.reading() as session:
         evaluation = find_visible(session, caller, identifier)
@@ -141,6 +143,8 @@ def get_evaluation_manifest(
         return manifest_of({name: others.get(name, agent) for name in names}, benchmark, sha256)
     if isinstance(benchmark, ParkingBenchmark):
         return LotsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
+    if isinstance(benchmark, ForecastBenchmark):
+        return DaysManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
     return MorningsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
 
 

@@ -11,7 +11,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from dohyo.evaluation.freeway.day import FORECASTER, METRICS, DayRecord
 from dohyo.evaluation.freeway.morning import LOWER_IS_BETTER, PLANNER, MorningRecord
+from dohyo.evaluation.freeway.result import root_estimate
 from dohyo.evaluation.meetings import hits_of
 from dohyo.evaluation.parking.benchmark import LOT
 from dohyo.evaluation.parking.record import Ending, ParkingRecord
@@ -44,6 +46,10 @@ CLOSED_LOOP_SCORES: Final = ("closed_loop", *TERMS)
 
 MORNING_SCORES: Final = ("speed_std_mps", "throughput_vph", "speed_mps", "speed_std_within_mps", "fuel_circles_g_km")
 """Scores of freeway mornings: measures of all vehicles, the headline first."""
+
+FORECAST_SCORES: Final = tuple(metric.key for metric in METRICS)
+"""Scores of days of forecasts: errors, the headline first."""
+_ROOTS: Final = frozenset(metric.key for metric in METRICS if metric.root)
 
 PARKING_SCORES: Final = tuple(measure.key for measure in MEASURES)
 """Scores of parking lots, the headline first."""
@@ -108,6 +114,9 @@ class Drive:
             return math.nan if mean is None else mean
         if name in MORNING_SCORES:
             return float(self.facts["morning"][name])
+        if name in FORECAST_SCORES:
+            value = float(self.facts["forecast"][name])
+            return math.sqrt(value) if name in _ROOTS else value
         if name in CLOSED_LOOP_SCORES:
             return float(self.facts["closed_loop"][name])
         value = float(self.facts[SCORE_KEYS[name]])
@@ -116,7 +125,7 @@ class Drive:
 
 def is_agent_fault(record: Record) -> bool:
     """Whether an agent failed as a program."""
-    if isinstance(record, MorningRecord):
+    if isinstance(record, MorningRecord | DayRecord):
         return record.failure is not None
     if isinstance(record, ParkingRecord):
         return any(one.ending == "failed" for one in record.karts)
@@ -125,7 +134,7 @@ def is_agent_fault(record: Record) -> bool:
 
 def rank_sign(headline: str) -> float:
     """-1 for a headline of which lower values rank higher, else 1."""
-    return -1.0 if headline in LOWER_IS_BETTER else 1.0
+    return -1.0 if headline in LOWER_IS_BETTER or headline in FORECAST_SCORES else 1.0
 
 
 def summary_at(path: Path, record: Record, rules: Rules) -> dict[str, Any]:
@@ -138,6 +147,8 @@ def summary_at(path: Path, record: Record, rules: Rules) -> dict[str, Any]:
         return summary_of_morning(record)
     if isinstance(record, ParkingRecord):
         return summary_of_lot(record)
+    if isinstance(record, DayRecord):
+        return summary_of_day(record)
     scored = score_records([(record, path)]) if applies(record) else []
     return summary_of(record, rules, {drive.ego: drive.terms for drive in scored})
 
@@ -176,18 +187,32 @@ def summary_of(
 
 def summary_of_morning(record: MorningRecord) -> dict[str, Any]:
     """A morning as the summary of one drive, that of its planner, with `morning`: the measures of all vehicles."""
+    duration_s = 0.0 if record.failure is not None else record.scenario.benchmark.duration_s
+    return _summary_without_drives(PLANNER, record, duration_s, {"morning": record.outcome})
+
+
+def summary_of_day(record: DayRecord) -> dict[str, Any]:
+    """A day as the summary of one drive, that of its forecaster, with `forecast`: measures by the keys of `METRICS`."""
+    facts = {"forecast": dict(record.measures), "forecasts": record.forecasts, "failure": record.failure}
+    return _summary_without_drives(FORECASTER, record, 60.0 * record.forecasts, facts)
+
+
+def _summary_without_drives(
+    name: str, record: MorningRecord | DayRecord, duration_s: float, facts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Summary of one agent that drives nothing."""
     failed = record.failure is not None
-    planner = {
-        "name": PLANNER,
+    agent = {
+        "name": name,
         "status": (Status.AGENT_RAISED if failed else Status.FINISHED).value,
         "success": not failed,
-        "morning": record.outcome,
+        **facts,
         "infractions": {},
         "marks": [],
         **dict.fromkeys(("km", "route_m", "driven_m"), 0.0),
-        "duration_s": 0.0 if failed else record.scenario.benchmark.duration_s,
+        "duration_s": duration_s,
     }
-    return {"egos": [planner], "decision_ms": None, "wall_s": record.wall_s}
+    return {"egos": [agent], "decision_ms": None, "wall_s": record.wall_s}
 
 
 def summary_of_lot(record: ParkingRecord) -> dict[str, Any]:
@@ -213,6 +238,8 @@ def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
     if any("morning" in drive.facts for drive in drives):
         measured = all(drive.facts["morning"].get(name) is not None for drive in drives for name in MORNING_SCORES)
         return MORNING_SCORES if measured else ()
+    if any("forecast" in drive.facts for drive in drives):
+        return FORECAST_SCORES if all(drive.facts["forecast"] for drive in drives) else ()
     if any(drive.lot is not None for drive in drives):
         return PARKING_SCORES
     closed_loop = bool(drives) and all("closed_loop" in drive.facts for drive in drives)
@@ -223,6 +250,8 @@ def estimate(name: str, drives: Sequence[Drive], lost: int = 0) -> Estimate:
     """Mean of a score over drives, and over lost ones as 0; the interval is Wilson's for shares, else bootstrap."""
     if lots := [drive.lot for drive in drives if drive.lot is not None]:
         return estimate_measure(name, lots)
+    if name in _ROOTS:
+        return root_estimate(mean_estimate([drive.score(name) ** 2 for drive in drives]))
     values = [*(drive.score(name) for drive in drives), *[0.0] * lost]
     share = name in SHARES or (name in CLOSED_LOOP_SCORES and set(values) <= {0.0, 100.0})
     return share_estimate([value > 0.0 for value in values]) if share else mean_estimate(values)
@@ -245,14 +274,14 @@ def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
         "km": math.fsum(km),
         "scores": {name: asdict(estimate(name, drives)) for name in names},
         "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names}
-        if lost and names not in (MORNING_SCORES, PARKING_SCORES)
+        if lost and names not in (MORNING_SCORES, PARKING_SCORES, FORECAST_SCORES)
         else None,
         "per_km": {
             kind.value: asdict(
                 ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)
             )
             for kind in InfractionKind
-            if names != PARKING_SCORES
+            if names not in (PARKING_SCORES, FORECAST_SCORES)
         },
         "statuses": {status.value: statuses[status] for status in Status if statuses[status]},
     }

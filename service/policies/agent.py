@@ -103,7 +103,7 @@ class OnnxPolicy(Agent):
     def start(self, seed: int) -> None:
         """The same, for agents that have no mission."""
         self.close()
-        self._sandbox = Sandbox(self._content, self._inputs, self._limits, seed)
+        self._sandbox = Sandbox(self._content, self._inputs, self._limits, seed, self._action.name)
 
     def act(self, observation: Observation) -> np.ndarray:
         """The model's action, without a leading batch dimension.

@@ -122,7 +122,7 @@ def check_policy(content: bytes, spec: AgentSpec, limits: PolicyLimits | None = 
     _check_inputs(model, inputs)
     _check_output(model, action)
     states = _checked_states(model, limits)
-    _check_extras(model, inputs, states)
+    _check_extras(model, inputs, action, states)
     _try(content, inputs, action, limits)
     return PolicyInfo(
         sha256=hashlib.sha256(content).hexdigest(),
@@ -202,15 +202,21 @@ def _check_output(model: _Model, action: Tensor) -> None:
     given = {value.name: value for value in model.outputs}
     if action.name not in given:
         named = ", ".join(f"'{name}'" for name in given) or "none"
-        raise PolicyRefusedError(f"it has no output 'action', of shape {_text(action.shape)}; it has {named}")
-    _check_tensor("output 'action'", given[action.name], action)
+        raise PolicyRefusedError(f"it has no output '{action.name}', of shape {_text(action.shape)}; it has {named}")
+    _check_tensor(f"output '{action.name}'", given[action.name], action)
 
 
 def _check_tensor(what: str, given: _Value, expected: Tensor) -> None:
-    """Shape, but for a leading batch dimension of 1 or of no fixed length, and element type."""
+    """Shape, but for a leading batch dimension of 1 or of no fixed length, and element type.
+
+    A tensor with an open end may have a dynamic last dimension.
+    """
     shape = given.shape
     batch = shape is not None and len(shape) == len(expected.shape) + 1 and shape[0] in (1, None)
-    if shape is None or tuple(shape[1:] if batch else shape) != expected.shape:
+    own = None if shape is None else tuple(shape[1:] if batch else shape)
+    if expected.open_end and own and own[-1] is None:
+        own = (*own[:-1], expected.shape[-1])
+    if own != expected.shape:
         wanted = f"{_text(expected.shape)} or {_text((1, *expected.shape))}"
         raise PolicyRefusedError(f"{what}: expected shape {wanted}, got {_text(shape)}")
     if given.dtype != expected.dtype:
@@ -241,22 +247,24 @@ def _checked_states(model: _Model, limits: PolicyLimits) -> dict[str, tuple[int,
     return states
 
 
-def _check_extras(model: _Model, inputs: tuple[Tensor, ...], states: Mapping[str, object]) -> None:
+def _check_extras(model: _Model, inputs: tuple[Tensor, ...], action: Tensor, states: Mapping[str, object]) -> None:
     """Checks that every input has a source and every output a use."""
     fed = {tensor.name for tensor in inputs} | set(states)
     if extra := [value.name for value in model.inputs if value.name not in fed]:
         names = ", ".join(tensor.name for tensor in inputs)
         raise PolicyRefusedError(f"input '{extra[0]}' is no sensor of this agent ({names}) and no '{STATE}...'")
-    read = {"action"} | {NEXT_STATE + name.removeprefix(STATE) for name in states}
+    read = {action.name} | {NEXT_STATE + name.removeprefix(STATE) for name in states}
     if extra := [value.name for value in model.outputs if value.name not in read]:
-        raise PolicyRefusedError(f"output '{extra[0]}' is neither 'action' nor the '{NEXT_STATE}...' of an input")
+        raise PolicyRefusedError(
+            f"output '{extra[0]}' is neither '{action.name}' nor the '{NEXT_STATE}...' of an input"
+        )
 
 
 def _try(content: bytes, inputs: tuple[Tensor, ...], action: Tensor, limits: PolicyLimits) -> None:
     """Runs two decisions on zeros to check loading, time and shapes. NaN is accepted, since zeros are no real input."""
     zeros = {tensor.name: np.zeros(tensor.shape, tensor.dtype) for tensor in inputs}
     try:
-        sandbox = Sandbox(content, inputs, limits, seed=0)
+        sandbox = Sandbox(content, inputs, limits, seed=0, output=action.name)
         try:
             for _ in range(2):
                 answer = sandbox.decide(zeros)
@@ -265,7 +273,9 @@ def _try(content: bytes, inputs: tuple[Tensor, ...], action: Tensor, limits: Pol
     except AgentError as error:
         raise PolicyRefusedError(f"a trial decision failed: {error}") from error
     if answer.shape not in (action.shape, (1, *action.shape)):
-        raise PolicyRefusedError(f"output 'action': a trial decision had shape {answer.shape}, expected {action.shape}")
+        raise PolicyRefusedError(
+            f"output '{action.name}': a trial decision had shape {answer.shape}, expected {action.shape}"
+        )
 
 
 def _text(shape: tuple[int | None, ...] | None) -> str:

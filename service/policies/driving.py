@@ -35,7 +35,7 @@ def drive(stream: Stream) -> None:
         at += view.nbytes
     states = [name for name in named if name not in feed]
     feed |= {name: np.zeros(named[name].shape, np.float32) for name in states}
-    outputs = ["action", *(f"next_{name}" for name in states)]
+    outputs = [job["output"], *(f"next_{name}" for name in states)]
     _deadline(0.0)
     stream.write(GOOD)
     while True:
@@ -44,7 +44,7 @@ def drive(stream: Stream) -> None:
         action, *after = session.run(outputs, feed)
         feed.update(zip(states, after, strict=True))
         _deadline(0.0)
-        stream.write(GOOD, _packed(action))
+        stream.write(GOOD, _packed(job["output"], action))
 
 
 def _session(content: bytes, seed: int) -> onnxruntime.InferenceSession:
@@ -59,12 +59,12 @@ def _session(content: bytes, seed: int) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
-def _packed(action: Any) -> bytes:
+def _packed(name: str, action: Any) -> bytes:
     """Packs an action: the number of dimensions, the dimensions, then float32 values."""
     if getattr(action, "dtype", None) != "float32":
-        raise ValueError(f"output 'action' is {getattr(action, 'dtype', 'no tensor')}, expected float32")
+        raise ValueError(f"output '{name}' is {getattr(action, 'dtype', 'no tensor')}, expected float32")
     if action.size > LARGEST_ACTION or action.ndim > 8:
-        raise ValueError(f"output 'action' has {action.size} numbers in {action.ndim} dimensions")
+        raise ValueError(f"output '{name}' has {action.size} numbers in {action.ndim} dimensions")
     return struct.pack(f"<{1 + action.ndim}I", action.ndim, *action.shape) + bytes(action.tobytes())
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.evaluation.families import PARKING_CONTROL
+from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL
+from dohyo.service.forecasting import interface as forecasting
 from dohyo.service.parking.interface import (
     ACTION_SHAPE,
     INPUT,
@@ -34,7 +35,9 @@ RULES = (
     "One output 'action' of the control's shape, float32, likewise. A policy that remembers has inputs 'state_NAME', "
     "float32, of a fixed shape, each with an output 'next_state_NAME' of the same shape; they are zeros at the start "
     "of every episode. Random operators draw from the scenario's seed. Operators of the domains ai.onnx and "
-    "ai.onnx.ml; all weights inside the file. A policy that parks has one sensor, and its input is named 'observation'."
+    "ai.onnx.ml; all weights inside the file. A policy that parks has one sensor, and its input is named "
+    "'observation'. A policy that forecasts has the sensor 'history' alone, whose number of segments may be dynamic, "
+    "and its output is named 'forecast'."
 )
 
 
@@ -46,11 +49,13 @@ class Tensor:
         name: Name in the ONNX graph.
         shape: Shape without a leading batch dimension.
         dtype: "float32" or "uint8".
+        open_end: Whether a model may leave its last dimension dynamic.
     """
 
     name: str
     shape: tuple[int, ...]
     dtype: str
+    open_end: bool = False
 
 
 def expected_inputs(spec: AgentSpec) -> tuple[Tensor, ...]:
@@ -63,6 +68,10 @@ def expected_inputs(spec: AgentSpec) -> tuple[Tensor, ...]:
     if spec.control == PARKING_CONTROL:
         check_parker(spec.track, spec.sensors)
         return (Tensor(INPUT, observation_shape(spec.sensors[0]), "float32"),)
+    if spec.control == FORECASTING_CONTROL:
+        forecasting.check_forecaster(spec.track, spec.sensors)
+        shapes = {forecasting.SENSORS[0]: forecasting.history_shape(), forecasting.SENSORS[1]: (1,)}
+        return tuple(Tensor(name, shapes[name], "float32", open_end=True) for name in spec.sensors)
     sensors = make_sensors(spec.sensors, Track[spec.track.upper()])
     return tuple(Tensor(sensor.name, tuple(sensor.space.shape), _dtype(sensor.space)) for sensor in sensors)
 
@@ -75,6 +84,8 @@ def expected_action(spec: AgentSpec) -> Tensor:
     """
     if spec.control == PARKING_CONTROL:
         return Tensor(ACTION, ACTION_SHAPE, "float32")
+    if spec.control == FORECASTING_CONTROL:
+        return Tensor(forecasting.OUTPUT, forecasting.forecast_shape(), "float32", open_end=True)
     return Tensor(ACTION, tuple(_control(spec.control)[0].shape), "float32")
 
 
@@ -89,7 +100,7 @@ def observation_spec(spec: AgentSpec) -> dict[str, Any]:
         "track": spec.track,
         "rules": RULES,
         "inputs": [_sensor_document(name) for name in spec.sensors],
-        "outputs": [_control_document(spec.control) | {"name": ACTION}],
+        "outputs": [_control_document(spec.control) | {"name": expected_action(spec).name}],
         "enumerations": enumeration_documents(),
     }
 
@@ -98,8 +109,8 @@ def published_spec() -> dict[str, Any]:
     """Every sensor and every control interface, as plain JSON."""
     return {
         "rules": RULES,
-        "sensors": {name: _sensor_document(name) for name in (*SENSORS, *PARKING_SENSORS)},
-        "controls": {name: _control_document(name) for name in (*CONTROLS, PARKING_CONTROL)},
+        "sensors": {name: _sensor_document(name) for name in (*SENSORS, *PARKING_SENSORS, *forecasting.SENSORS)},
+        "controls": {name: _control_document(name) for name in (*CONTROLS, PARKING_CONTROL, FORECASTING_CONTROL)},
         "enumerations": enumeration_documents(),
     }
 
@@ -107,6 +118,8 @@ def published_spec() -> dict[str, Any]:
 def _sensor_document(name: str) -> dict[str, Any]:
     if name in PARKING_SENSORS:
         return sensor_documents()[name]
+    if name in forecasting.SENSORS:
+        return forecasting.sensor_documents()[name]
     (sensor,) = make_sensors([name])
     return {
         "name": name,
@@ -119,6 +132,8 @@ def _sensor_document(name: str) -> dict[str, Any]:
 def _control_document(name: str) -> dict[str, Any]:
     if name == PARKING_CONTROL:
         return control_document()
+    if name == FORECASTING_CONTROL:
+        return forecasting.control_document()
     space, description = _control(name)
     return {"control": name, **_space_document(space), "dtype": "float32", "description": description}
 

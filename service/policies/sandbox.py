@@ -14,7 +14,7 @@ import numpy as np
 from dohyo.service.confinement.errors import TaskError, TaskTimeoutError
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.process import ConfinedProcess
-from dohyo.service.policies.interface import Tensor
+from dohyo.service.policies.interface import ACTION, Tensor
 from dohyo.service.policies.limits import PolicyLimits
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError
@@ -52,7 +52,9 @@ class Sandbox:
         layers: Layers of its confinement, see `confinement.rights.give_up`.
     """
 
-    def __init__(self, content: bytes, inputs: tuple[Tensor, ...], limits: PolicyLimits, seed: int) -> None:
+    def __init__(
+        self, content: bytes, inputs: tuple[Tensor, ...], limits: PolicyLimits, seed: int, output: str = ACTION
+    ) -> None:
         """Starts the process and loads the model.
 
         Args:
@@ -60,6 +62,7 @@ class Sandbox:
             inputs: Inputs that an observation holds.
             limits: Resources that the model may use.
             seed: Seed of its random operators.
+            output: Name of the output that holds the action.
 
         Raises:
             AgentError: The model cannot be loaded.
@@ -72,6 +75,7 @@ class Sandbox:
             "inputs": [(tensor.name, tensor.shape, tensor.dtype) for tensor in inputs],
             "load_s": limits.load_s,
             "decision_s": limits.decision_s,
+            "output": output,
         }
         self._process = ConfinedProcess("drive_policy", confined(limits))
         self.pid, self.layers = self._process.pid, self._process.layers
@@ -84,7 +88,7 @@ class Sandbox:
             raise _agents_fault(error, limits) from error.__cause__
 
     def decide(self, observation: Observation) -> Float32Array:
-        """The model's output `action`, of any shape.
+        """The model's action, of any shape.
 
         Args:
             observation: One array per input.

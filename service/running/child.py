@@ -17,6 +17,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dohyo.evaluation.freeway.day import DayScenario
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
 from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.running.executors import drive_job, lost_episode
@@ -67,6 +68,10 @@ def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge, cluster: str | N
             from dohyo.service.parking.drive import park  # numba's kernels take a second to load
 
             return Kind.FINISHED, park(order, order.scenario, channel, gauge)
+        if isinstance(order.scenario, DayScenario):
+            from dohyo.service.forecasting.drive import forecast_day  # imports the freeway's simulation: slow
+
+            return Kind.FINISHED, forecast_day(order, order.scenario, channel, gauge)
         if order.verdict is not None:
             lost_episode(order.job, *order.verdict)
         elif order.remote:

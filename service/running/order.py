@@ -11,6 +11,7 @@ from pydantic import Field
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.freeway.day import FORECASTER, DayScenario
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.records.record import AgentInfo
@@ -26,7 +27,7 @@ class EpisodeOrder(Config):
     """One episode to drive, and the folder of its record.
 
     Attributes:
-        scenario: Scenario to drive, a morning on the freeway to plan, or a lot to park in.
+        scenario: Scenario to drive, a morning on the freeway to plan, a lot to park in, or a day to forecast.
         info: Agent, as its record will name it.
         others: Agents of single egos of a mixed run, by ego; `info` drives all other egos.
         benchmark: Name and content hash.
@@ -39,7 +40,7 @@ class EpisodeOrder(Config):
         verdict: Status and reason of an episode that is recorded without driving.
     """
 
-    scenario: Scenario | MorningScenario | LotScenario
+    scenario: Scenario | MorningScenario | LotScenario | DayScenario
     info: AgentInfo
     others: dict[str, AgentInfo] = Field(default_factory=dict)
     benchmark: tuple[str, str]
@@ -68,7 +69,7 @@ class EpisodeOrder(Config):
                 "control": info.control,
                 "settings": info.settings,
             },
-            "missions": [self._told_mission(mission) for mission in self.missions] or self._told_karts(),
+            "missions": [self._told_mission(mission) for mission in self.missions] or self._told_names(),
             "seed": self.agent_seed,
         }
 
@@ -78,17 +79,21 @@ class EpisodeOrder(Config):
             return name
         return mission.model_dump(mode="json", include={"start", "goal", "via"}) | name
 
-    def _told_karts(self) -> list[dict[str, str]]:
+    def _told_names(self) -> list[dict[str, str]]:
         return [{"name": name} for name in self.wire_names.values()]
 
     @property
     def wire_names(self) -> dict[str, str]:
         """Name of each ego on the wire: a name in the scenario may be that of a public mission."""
+        if isinstance(self.scenario, DayScenario):
+            return {FORECASTER: FORECASTER}
         return {ego: "ego" if len(self.egos) == 1 else f"ego-{number}" for number, ego in enumerate(self.egos)}
 
     @property
     def egos(self) -> tuple[str, ...]:
-        """Names of the egos: those of the missions, or of the karts."""
+        """Names of the egos: those of the missions, or of the karts; that of the forecaster of a day."""
+        if isinstance(self.scenario, DayScenario):
+            return (FORECASTER,)
         if isinstance(self.scenario, LotScenario):
             return tuple(f"kart-{number}" for number in range(self.scenario.benchmark.karts))
         return tuple(mission.name for mission in self.missions)
@@ -96,11 +101,11 @@ class EpisodeOrder(Config):
     @property
     def decision_s(self) -> float:
         """Simulated time between two decisions, s."""
-        return DECIDES_EVERY_S if isinstance(self.scenario, MorningScenario) else TICK_S
+        return DECIDES_EVERY_S if isinstance(self.scenario, MorningScenario | DayScenario) else TICK_S
 
     @property
     def missions(self) -> tuple[Mission, ...]:
-        """Missions of the egos; none in a morning and in a lot."""
+        """Missions of the egos; none in a morning, in a lot and on a day of forecasts."""
         return self.scenario.missions if isinstance(self.scenario, Scenario) else ()
 
     @property
@@ -118,7 +123,7 @@ class EpisodeOrder(Config):
         """The order as a job of `dohyo.evaluation.running.executors`.
 
         Raises:
-            InvalidInputError: The order is of a morning, which only policy workers plan, or of a lot.
+            InvalidInputError: The order is of a morning, which only policy workers plan, of a lot, or of a day.
         """
         if not isinstance(self.scenario, Scenario):
             raise InvalidInputError(f"expected an episode on roads, got a {self.scenario.name}")

@@ -12,6 +12,9 @@ from dohyo.evaluation.families import Family, family_for
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.confinement.limits import Limits
 from dohyo.service.confinement.runner import run
+from dohyo.service.forecasting.interface import POLICY as FORECASTER
+from dohyo.service.forecasting.interface import check_forecaster
+from dohyo.service.forecasting.policy import OnnxForecaster
 from dohyo.service.jobs.kind import Kind, Made, Task
 from dohyo.service.parking.interface import POLICY as PARKER
 from dohyo.service.parking.interface import check_parker, state_of
@@ -46,7 +49,7 @@ def try_onnx(task: Task) -> Made:
         policy = _policy(content, AgentSpec(**task.arguments["spec"]), limits)
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
-    info = agent_info(policy, ENTRY if isinstance(policy, OnnxPolicy) else PARKER, policy.settings, "onnx")  # type: ignore[arg-type]  # it reads the spec alone
+    info = agent_info(policy, _entry(policy), policy.settings, "onnx")  # type: ignore[arg-type]  # it reads the spec alone
     if task.stop.is_set():
         raise InvalidInputError("it was cancelled")
     with file_lock(policy.sha256):
@@ -74,8 +77,17 @@ def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | No
     return Made(view.model_dump(mode="json"), f"/v1/agents/{name}/submissions/{view.version}")
 
 
-def _policy(content: bytes, spec: AgentSpec, limits: PolicyLimits) -> OnnxPolicy | OnnxParker:
-    if family_for(spec.control) is not Family.PARKING:
+def _entry(policy: OnnxPolicy | OnnxParker | OnnxForecaster) -> str:
+    """Entry of an uploaded policy in records."""
+    return ENTRY if isinstance(policy, OnnxPolicy) else FORECASTER if isinstance(policy, OnnxForecaster) else PARKER
+
+
+def _policy(content: bytes, spec: AgentSpec, limits: PolicyLimits) -> OnnxPolicy | OnnxParker | OnnxForecaster:
+    family = family_for(spec.control)
+    if family is Family.FORECASTING:
+        check_forecaster(spec.track, spec.sensors)
+        return OnnxForecaster(content=content, name=spec.name, limits=limits)
+    if family is not Family.PARKING:
         return OnnxPolicy(content=content, **spec.model_dump(), limits=limits)
     check_parker(spec.track, spec.sensors)
     from dohyo.service.parking.policy import OnnxParker  # loads numba

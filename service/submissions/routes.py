@@ -11,12 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.evaluation.families import PARKING_CONTROL, PLANNING_CONTROL, Family, family_for
+from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL, PLANNING_CONTROL, Family, family_for
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.accounts.access import Caller, Reader, Submitter
 from dohyo.service.database.engine import serialise
 from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
+from dohyo.service.forecasting.interface import check_forecaster
 from dohyo.service.freeway.planner import check_planner
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.parking.interface import check_parker
@@ -221,10 +222,13 @@ def _check_declared(track: TrackName, sensors: Sequence[str], control: str) -> N
             check_planner(track, sensors)
         case Family.PARKING:
             check_parker(track, sensors)
+        case Family.FORECASTING:
+            check_forecaster(track, sensors)
         case Family.DRIVING:
             make_sensors(sensors, Track[track.upper()])
             if control not in CONTROLS:
-                raise UnknownNameError("control", control, [*CONTROLS, PARKING_CONTROL, PLANNING_CONTROL])
+                others = (PARKING_CONTROL, PLANNING_CONTROL, FORECASTING_CONTROL)
+                raise UnknownNameError("control", control, [*CONTROLS, *others])
 
 
 def _spec(text: str | None, agent: str) -> AgentSpec:

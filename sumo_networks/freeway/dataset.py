@@ -157,6 +157,31 @@ def make_dataset(
     return len(missing)
 
 
+def make_day(order: DatasetRequest, folder: Path, split: Split, number: int) -> Path:
+    """Makes one day if it is missing.
+
+    Args:
+        order: Request that has the day.
+        folder: Folder of the dataset.
+        split: Set of the day.
+        number: Number within the set, from 1.
+
+    Returns:
+        Path of the day.
+
+    Raises:
+        InvalidInputError: The request has no such day, or as `make_dataset`.
+        SimulationError: SUMO failed.
+    """
+    day = next((one for one in day_orders(order) if (one.split, one.number) == (split, number)), None)
+    if day is None:
+        raise InvalidInputError(f"expected a day of 1 to {order.number(split)} of the set '{split}', got {number}")
+    _claim(order, folder)
+    if not (folder / day.file).exists():
+        _make(day, folder)
+    return folder / day.file
+
+
 def _make(day: DayOrder, folder: Path, progress: Callable[[float], None] = lambda _share: None) -> None:
     _write(day_table(drive_day(day.scenario, day.scale, progress), day.noise), folder / day.file)
 

@@ -112,10 +112,19 @@ def read_set(path: Path, name: str) -> list[Stretch]:
         InvalidInputError: There is no day, or one is damaged.
     """
     _dataset_facts(path / "dataset.json")
-    days = [_read_day(file, Format())[0] for file in sorted((path / name).glob("*.parquet"))]
+    days = [read_day(file) for file in sorted((path / name).glob("*.parquet"))]
     if not days:
         raise InvalidInputError(f"'{path}': expected days in '{path / name}', found no *.parquet")
     return days
+
+
+def read_day(path: Path) -> Stretch:
+    """One day of a folder of days, in m/s.
+
+    Raises:
+        InvalidInputError: It is missing or damaged.
+    """
+    return _read_day(path, Format())[0]
 
 
 def _read_folder(path: Path, how: Format) -> SpeedData:

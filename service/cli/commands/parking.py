@@ -18,9 +18,8 @@ from dohyo.evaluation.parking.page import Evaluated, comparisons, shown_records,
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
 from dohyo.service.cli.output import console, interval, print_json, print_rows
-from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
-from dohyo.service.episodes.recorded_agents import UntrustedRecordError, check_known
+from dohyo.service.cli.trust import check_trusted
 from dohyo.service.parking.interface import POLICY as PARKER
 from dohyo.service.policies.agent import NAME as ONNX
 
@@ -108,13 +107,7 @@ def drive_lots_again(
     Raises:
         InvalidInputError: Their agent cannot be made, or is not one that they may choose.
     """
-    if trust:
-        find_own_modules()
-    else:
-        try:
-            check_known(records[0].agent)
-        except UntrustedRecordError as error:
-            raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the records name)") from error
+    check_trusted(records[0].agent, path, trust)
     with ProgressBar(f"lots of {records[0].benchmark.name}", hidden=hidden) as tell:
         more = {} if policy is None else {"path": str(policy)}
         return drive_again(records, os.cpu_count() or 1, tell, more)

@@ -25,7 +25,7 @@ def prepare(
     """Makes a benchmark's recorded runs or days. Run again, it continues where it stopped."""
     processes = workers or os.cpu_count() or 1
     match find_family(name):
-        case Family.FREEWAY:
+        case Family.FREEWAY | Family.FORECASTING:
             prepare_days(name, processes)
         case Family.PARKING:
             raise InvalidInputError(f"benchmark '{name}' has nothing to prepare: its lots are drawn from their seeds")

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.freeway.day import is_day, read_day
 from dohyo.evaluation.freeway.morning import is_morning, read_morning
 from dohyo.evaluation.parking.lot_files import is_lot, is_lots_folder, read_lot
 from dohyo.evaluation.parking.record import is_parking_records
@@ -49,7 +50,7 @@ from dohyo.service.cli.output import (
     print_part,
     print_rows,
 )
-from dohyo.service.cli.trust import Policy, Trust, trusted_agents
+from dohyo.service.cli.trust import Policy, Trust, check_trusted, trusted_agents
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -139,6 +140,9 @@ def verify(
     if is_morning(record):
         _verify_morning(record, key, server, signature_only, json)
         return
+    if is_day(record):
+        _verify_day(record, key, server, signature_only, policy, trust, json)
+        return
     old = read_record(record)
     signer = check_signature(record, old, key, server)
     if signature_only:
@@ -164,6 +168,22 @@ def _verify_lot(
     replayed = None if signature_only else drive_lots_again(path, [lot], trust, policy)[0]
     _print_verified(path, lot, replayed, signer, "", json)
     if replayed not in (None, lot.record_hash):
+        raise typer.Exit(DIFFERS)
+
+
+def _verify_day(
+    path: Path, key: str | None, server: str | None, signature_only: bool, policy: Path | None, trust: bool, json: bool
+) -> None:
+    """Checks hash and signature of a day's record, judges its forecaster again and compares."""
+    day = read_day(path)
+    signer, replayed = check_signature(path, day, key, server), None
+    if not signature_only:
+        from dohyo.service.forecasting.drive import judge_again  # the freeway's simulation takes a second to import
+
+        check_trusted(day.agent, path, trust)
+        replayed = judge_again(day, policy).record_hash
+    _print_verified(path, day, replayed, signer, "", json)
+    if replayed not in (None, day.record_hash):
         raise typer.Exit(DIFFERS)
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from dohyo.evaluation.freeway.day import METRICS, DaysManifest
 from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.parking.lot_files import LotsManifest
 from dohyo.evaluation.parking.result import MEASURES
@@ -29,7 +30,12 @@ Server = Annotated[str, typer.Option(envvar="DOHYO_SERVER", help="Address of the
 Token = Annotated[str | None, typer.Option(envvar="DOHYO_TOKEN", help="Access token.")]
 Which = Annotated[str, typer.Argument(help="Identifier, from `dohyo evaluations list`.", metavar="EVALUATION")]
 LOCAL = "http://127.0.0.1:8000"
-TITLES = {one.key: f"{one.title} {one.unit}" for one in MEASURES} | SCORES | {"closed_loop": "closed loop %"}
+TITLES = (
+    {one.key: f"{one.title} {one.unit}" for one in MEASURES}
+    | SCORES
+    | {"closed_loop": "closed loop %"}
+    | {one.key: f"{one.title}, {one.unit}" for one in METRICS}
+)
 NOT_DONE = 1
 
 
@@ -164,8 +170,13 @@ def fetch(
         manifest = _manifest(client.manifest(evaluation))
         paths = client.download(evaluation, folder / RECORDS)
         write_atomically(folder / MANIFEST, manifest.model_dump_json(indent=1).encode())
-    mornings = isinstance(manifest, MorningsManifest)
-    command = "dohyo verify --signature-only RECORD" if mornings else f"dohyo report {folder}"
+    match manifest:
+        case MorningsManifest():
+            command = "dohyo verify --signature-only RECORD"
+        case DaysManifest():
+            command = "dohyo verify RECORD"
+        case _:
+            command = f"dohyo report {folder}"
     console.print(f"{len(paths)} records in {folder} ({command})", highlight=False, soft_wrap=True)
 
 
@@ -275,13 +286,15 @@ def _default_folder(state: EvaluationView) -> Path:
     return Path("out", *(check_file_name(name, "the server's name of benchmark and agent") for name in names))
 
 
-def _manifest(document: Document) -> Manifest | MorningsManifest | LotsManifest:
-    """The server's manifest, of drives, parking lots or freeway mornings, after its checks."""
+def _manifest(document: Document) -> Manifest | MorningsManifest | LotsManifest | DaysManifest:
+    """The server's manifest, of drives, parking lots, freeway mornings or forecasts, after its checks."""
     benchmark, content = document.get("benchmark"), dumps(document).encode()
     name = "the server's manifest"
     kind = benchmark.get("kind") if isinstance(benchmark, dict) else None
     if kind == "traffic":
         return parse_manifest(content, name, MorningsManifest)
+    if kind == "forecast":
+        return parse_manifest(content, name, DaysManifest)
     if kind == "parking":
         return parse_manifest(content, name, LotsManifest)
     return parse_manifest(content, name, Manifest)

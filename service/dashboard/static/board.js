@@ -3,7 +3,7 @@
 import { h } from "./dom.js";
 import { agentName, estimateCells, missing, scale, verdict, whisker } from "./estimate.js";
 import { moment, number } from "./format.js";
-import { scoreOf, shown } from "./scores.js";
+import { hasInfractions, scoreOf, shown } from "./scores.js";
 import { label, words } from "./words.js";
 
 /** The columns of a board; `headline` is the score that ranks. */
@@ -29,7 +29,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
     },
     { title: "run by", key: "verified", css: "verified", choice: true, sort: by, cell: verified, csv: by },
     ...measured.map(score),
-    !("aligned" in (rows[0]?.scores ?? {})) && {
+    hasInfractions(rows[0]?.scores ?? {}) && {
       title: "infractions",
       unit: "/km",
       css: "infraction-rates",

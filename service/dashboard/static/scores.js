@@ -19,12 +19,24 @@ const SCORES = {
   progress: ["progress EP", ...PERCENT],
   comfort: ["comfort C", ...PERCENT],
 };
-const FREEWAY = {
+export const FREEWAY = {
   speed_std_mps: ["spread of speeds", "m/s", 10],
   throughput_vph: ["throughput", "vehicles/h", 8000],
   speed_mps: ["mean speed", "m/s", 40],
   speed_std_within_mps: ["spread within segments", "m/s", 10],
   fuel_circles_g_km: ["fuel of the connected cars", "g/km", 100],
+};
+const KMH = ["km/h", 20];
+const SCALED = ["× 10³", 20];
+export const FORECAST = {
+  mse: ["error of three minutes", ...SCALED],
+  mse_1: ["error, t+1 min", ...SCALED],
+  mse_2: ["error, t+2 min", ...SCALED],
+  mse_3: ["error, t+3 min", ...SCALED],
+  rmse_1: ["RMSE, t+1 min", ...KMH],
+  rmse_2: ["RMSE, t+2 min", ...KMH],
+  rmse_3: ["RMSE, t+3 min", ...KMH],
+  mse_true: ["error against all vehicles", ...SCALED],
 };
 const PARKING = {
   success: ["success", ...PERCENT],
@@ -38,14 +50,18 @@ const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "tim
 
 /** Title, unit and upper end of the axis of a score. */
 export function scoreOf(key) {
-  const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? PARKING[key] ?? [key, ...PERCENT];
+  const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? PARKING[key] ?? FORECAST[key] ?? [key, ...PERCENT];
   return { key, title, unit, top };
 }
 
-/** The scores to show of drives, mornings or lots, by those that they have. */
+/** Whether drives have infractions: not mornings, lots and days of forecasts. */
+export const hasInfractions = (scores) => !("aligned" in scores || "mse" in scores || "speed_std_mps" in scores);
+
+/** The scores to show of drives, mornings, lots or days, by those that they have. */
 function keysOf(scores) {
   if (scores.closed_loop) return CLOSED;
   if (scores.speed_std_mps) return Object.keys(FREEWAY);
+  if (scores.mse) return Object.keys(FORECAST);
   return scores.aligned ? Object.keys(PARKING) : OPEN;
 }
 

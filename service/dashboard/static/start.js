@@ -4,7 +4,7 @@ import { h } from "./dom.js";
 import { copyText } from "./table.js";
 
 /** The built-in agent that an empty page proposes for a benchmark of a kind. */
-export const firstAgent = (kind) => (kind === "parking" ? "parking" : "autopilot");
+export const firstAgent = (kind) => ({ parking: "parking", forecasting: "forecaster" })[kind] ?? "autopilot";
 
 /** Commands that submit a built-in agent and evaluate it, with curl alone. */
 export function startCommand(benchmark, kind = "driving") {

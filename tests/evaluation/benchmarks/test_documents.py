@@ -10,13 +10,14 @@ import pytest
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names, benchmark_path, find_family
 from dohyo.evaluation.families import Family
-from dohyo.evaluation.freeway.benchmark import load_freeway_benchmark
+from dohyo.evaluation.freeway.benchmark import load_forecasting, load_traffic
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 LOAD: dict[Family, Callable[[str], object]] = {
     Family.DRIVING: load_benchmark,
-    Family.FREEWAY: load_freeway_benchmark,
+    Family.FREEWAY: load_traffic,
+    Family.FORECASTING: load_forecasting,
     Family.PARKING: load_parking_benchmark,
 }
 

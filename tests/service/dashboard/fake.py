@@ -162,13 +162,13 @@ class Fake:
         return InfractionsView(evaluation=name, networks=["ingolstadt"], infractions=found)
 
 
-def board_rows(entries: list[Entry]) -> list[dict[str, Any]]:
+def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict[str, Any]]:
     """Rows of a board, as the service makes them from its tables."""
-    facts = {one.evaluation: facts_of(one, "driving_score") for one in entries}
+    facts = {one.evaluation: facts_of(one, metric) for one in entries}
     contenders = [
         Contender(
             evaluation=one.evaluation, entrant=one.submission, baseline=False, track=one.track, ordered=WHEN,
-            score=one.scores["driving_score"].mean or 0.0, values=np.array(facts[one.evaluation]["values"]),
+            score=one.scores[metric].mean or 0.0, values=np.array(facts[one.evaluation]["values"]),
         ) for one in entries
     ]  # fmt: skip
     places = Ranks().rank(places_of(contenders, Counts.FIRST))

@@ -4,6 +4,7 @@ import { get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { agentName } from "../estimate.js";
 import { short } from "../format.js";
+import { measuredBy, measuredEpisode } from "../measured.js";
 import { agentsOf, agentsText, driverOf, isMixed } from "../mixed.js";
 import { colours, subject } from "../subject.js";
 import { choice, why } from "../replay/facts.js";
@@ -18,8 +19,12 @@ page(async () => {
     fill(byId("content"), heading(episode, []), waiting(episode));
     return;
   }
-  const { replay, map } = await load(id);
   const colour = await colours(agentsOf(episode));
+  if (measuredBy(episode)) {
+    fill(byId("content"), heading(episode, [agentName(episode.agent, colour[episode.agent])]), measuredEpisode(episode));
+    return;
+  }
+  const { replay, map } = await load(id);
   const facts = h("aside", { class: "facts-panel", "aria-label": "Why this score" });
   const theatre = h("section", { class: "theatre", "aria-label": "Replay" });
   fill(

@@ -5,6 +5,7 @@ import { byId, fill, h, mark, s } from "../dom.js";
 import { agentName, missing } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, seconds, span } from "../format.js";
+import { measureColumns, measuredBy, worstFirst } from "../measured.js";
 import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, refresh, table } from "../table.js";
@@ -92,7 +93,7 @@ function title() {
       "p",
       { class: "byline" },
       !isMixed(one) && [agentName(one.agent, colour[one.agent]), h("span", { class: "quiet" }, `version ${one.version}`)],
-      !isParking() && h("a", { href: `/evaluations/${encodeURIComponent(id)}/map` }, "map of infractions"),
+      !isParking() && !measuredBy(state.episodes[0]) && h("a", { href: `/evaluations/${encodeURIComponent(id)}/map` }, "map of infractions"),
       h("a", { href: `${base}/metrics` }, "JSON"),
       h("a", { href: `${base}/metrics.csv` }, "CSV"),
     ),
@@ -153,14 +154,16 @@ function showProgress() {
 function showScores() {
   const summary = state.metrics?.all;
   if (summary && isMixed(state.evaluation)) fill(byId("scores"), byAgent(state.metrics, state.colour));
-  else if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, 4));
+  else if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, measuredBy(state.episodes[0]) ? 8 : 4));
 }
 
 function showEpisodes() {
   const rows = state.episodes
     .map((one) => ({ ...one, ego: worst(one), marks: (one.summary?.egos ?? []).flatMap((ego) => ego.marks ?? []) }))
     .sort((a, b) => (headline(a.ego) ?? 999) - (headline(b.ego) ?? 999) || a.position - b.position);
-  const columns = isParking() ? lotColumns() : driveColumns(rows.some((row) => row.ego?.closed_loop));
+  const kind = measuredBy(state.episodes[0]);
+  const columns = kind ? measuredColumns(kind) : isParking() ? lotColumns() : driveColumns(rows.some((row) => row.ego?.closed_loop));
+  const heading = kind?.heading ?? "Episodes, lowest score first";
   const shown = byId("episodes").querySelector(".interactive");
   if (shown && shown.querySelector("thead tr").cells.length === columns.length) {
     refresh(shown, columns, rows);
@@ -170,8 +173,8 @@ function showEpisodes() {
   }
   fill(
     byId("episodes"),
-    h("div", { class: "heading" }, h("h2", {}, "Episodes, lowest score first"), copyButton(columns, rows)),
-    h("div", { class: "panel wide" }, table(columns, rows, { name: "episodes", caption: "Episodes, lowest score first", css: "drives" })),
+    h("div", { class: "heading" }, h("h2", {}, heading), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "episodes", caption: heading, css: "drives" })),
     h("div", { class: "marks-key" }, key(rows)),
   );
 }
@@ -217,6 +220,20 @@ function driveColumns(closed) {
 function lowest(ego) {
   const { agent } = driverOf(state.evaluation, ego.name);
   return [agentName(agent, state.colour[agent]), h("div", { class: "quiet small" }, ego.name)];
+}
+
+/** Columns of days and mornings. */
+function measuredColumns(kind) {
+  return [
+    {
+      title: "episode",
+      cell: (row) => h("a", { href: `/episodes/${encodeURIComponent(row.id)}` }, named(row)),
+      csv: (row) => row.scenario,
+    },
+    { title: "seed", numeric: true, cell: (row) => row.seed },
+    { title: "ending", choice: true, sort: (row) => (row.ego ? ending(row.ego.status) : row.status), cell: (row) => how(row), csv: (row) => row.ego?.status ?? row.status },
+    ...measureColumns(kind),
+  ];
 }
 
 /** Columns of parking lots. */
@@ -297,8 +314,11 @@ const score = (row, name, scores = row.ego) =>
   scores && row.status === "done" ? number(scores[name]) : missing("the episode has not ended, or was lost");
 
 /** The score by which episodes are sorted. */
-const headline = (ego) =>
-  ego?.parking ? (100 * ego.parking.parked) / ego.parking.karts : (ego?.closed_loop?.closed_loop ?? ego?.ds);
+const headline = (ego) => {
+  if (ego?.forecast || ego?.morning) return worstFirst(ego, measuredBy(state.episodes[0]));
+  if (ego?.parking) return (100 * ego.parking.parked) / ego.parking.karts;
+  return ego?.closed_loop?.closed_loop ?? ego?.ds;
+};
 
 /** The ego with the lowest score of an episode; most episodes have only one ego. */
 function worst(episode) {

@@ -1,0 +1,83 @@
+"""Records on the freeway: one JSON file each, whose hash covers everything in it except the wall-clock time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from pydantic import ValidationError
+
+from dohyo.evaluation.records.foreign_files import read_limited
+from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+from dohyo.sumo_networks.scenario import content_hash
+
+LARGEST_BYTES = 1_000_000
+
+
+class FreewayRecord(Config):
+    """Base of the records of mornings and of days.
+
+    Attributes:
+        wall_s: Wall-clock time, s; in no hash.
+        record_hash: Hex sha256 of all the rest.
+    """
+
+    wall_s: float = 0.0
+    record_hash: str = ""
+
+    def sealed(self) -> Self:
+        """The record with its hash."""
+        return self.model_copy(update={"record_hash": self.content_hash()})
+
+    def content_hash(self) -> str:
+        """Hash of the facts."""
+        facts: dict[str, Any] = self.model_dump(mode="json", exclude={"record_hash", "wall_s"})
+        return content_hash(facts)
+
+
+AnyRecord = TypeVar("AnyRecord", bound=FreewayRecord)
+
+
+def write_freeway_record(directory: Path, stem: str, record: FreewayRecord) -> None:
+    """Writes a record with its hash, complete or not at all."""
+    directory.mkdir(parents=True, exist_ok=True)
+    write_atomically(directory / f"{stem}.json", record.sealed().model_dump_json(indent=1).encode())
+
+
+def facts_at(path: Path) -> Mapping[str, Any]:
+    """The JSON object of a record's file of any kind, unchecked; empty where it is none.
+
+    Raises:
+        InvalidInputError: The file is missing or too large.
+    """
+    try:
+        document = json.loads(read_limited(path, "a record", FACTS_LIMIT_BYTES))
+    except (ValueError, RecursionError):
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def parse_freeway_record(content: bytes, path: str, kind: type[AnyRecord], what: str) -> AnyRecord:
+    """Parses the content of a record's file and checks its hash.
+
+    Args:
+        content: Content of the file.
+        path: Name of the file in messages.
+        kind: Type of the record.
+        what: Words for it in messages.
+
+    Raises:
+        InvalidInputError: It is no such record, or its hash is another one.
+    """
+    try:
+        record = kind.model_validate_json(content)
+    except ValidationError as error:
+        raise InvalidInputError(f"{path}: expected {what}: {error.errors()[0]['msg']}") from error
+    if record.record_hash != record.content_hash():
+        raise InvalidInputError(f"{path}: the record has been changed: its hash is another one")
+    return record

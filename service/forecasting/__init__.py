@@ -1,0 +1,1 @@
+"""Days of forecasts as episodes: forecasters of all three kinds of submission."""
