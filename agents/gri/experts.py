@@ -25,11 +25,11 @@ _BAD = 3  # separates this random stream from the others of a seed
 
 
 @dataclass(frozen=True)
-class ShownTask(Task):
-    """A task as its expert shows it.
+class DemonstratedTask(Task):
+    """A task whose episodes an expert demonstrates.
 
     Attributes:
-        task: What is shown.
+        task: What is demonstrated.
         policy: ONNX file of the expert; None: the task's own expert.
         noise: Share of episodes with random actions.
     """
@@ -80,8 +80,8 @@ class ShownTask(Task):
         if self.policy is not None:
             policy = expert_policy(self.policy, self.task)
         elif not self.task.has_expert:
-            raise InvalidInputError(f"task '{self.name}' has no expert: expected a policy that shows it")
-        return _Shown(self.task.make_environments(count, processes), policy, self.noise)
+            raise InvalidInputError(f"task '{self.name}' has no expert: expected a policy that demonstrates it")
+        return _WithExpert(self.task.make_environments(count, processes), policy, self.noise)
 
 
 def expert_policy(path: Path, task: Task) -> OnnxPolicy:
@@ -100,8 +100,8 @@ def expert_policy(path: Path, task: Task) -> OnnxPolicy:
     return policy
 
 
-class _Shown(VectorWrapper):
-    """Environments with the expert of a `ShownTask`."""
+class _WithExpert(VectorWrapper):
+    """Environments with the expert of a `DemonstratedTask`."""
 
     def __init__(self, environments: Environments, policy: OnnxPolicy | None, noise: float) -> None:
         super().__init__(environments)

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
-from dohyo.agents.gri.experts import ShownTask, expert_policy
+from dohyo.agents.gri.experts import DemonstratedTask, expert_policy
 from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import IqnConfig
 from dohyo.agents.learning.algorithms.off_policy import make_replay
@@ -123,7 +123,7 @@ def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demon
 
 def record(settings: GriRunConfig, task: Task, folder: Path) -> None:
     """Records the expert of the settings into a folder."""
-    shown = ShownTask(task, Path(settings.expert) if settings.expert else None, settings.gri.demo_noise)
+    shown = DemonstratedTask(task, Path(settings.expert) if settings.expert else None, settings.gri.demo_noise)
     record_demonstrations(shown, folder, settings.shown, expert=_expert(settings), seed=RECORDED_WITH)
 
 

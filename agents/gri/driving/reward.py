@@ -20,7 +20,7 @@ from dohyo.sumo_networks.world import World
 
 FARTHEST_M: Final = 2.0
 STANDING_M_S, STANDING_S, FREE_TO_GO_M_S = 0.3, 15.0, 1.0
-"""Who is slower than the first for the second, while the target speed is above the third, stands without a reason."""
+"""An ego slower than the first for the second, while its target speed is above the third, stands without a reason."""
 ENDED: Final = -1.0
 
 
@@ -33,8 +33,8 @@ class End(StrEnum):
     STANDING = "standing"
 
 
-class Judge:
-    """Rewards one episode of one ego."""
+class GriadReward:
+    """Reward of one ego in one episode."""
 
     def __init__(self) -> None:
         self._stood_s = 0.0

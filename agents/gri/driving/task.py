@@ -18,7 +18,7 @@ from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.agents.gri.driving.choices import CONTROL, TABLE, nearest
 from dohyo.agents.gri.driving.missions import draw_mission
 from dohyo.agents.gri.driving.pictures import Pictures
-from dohyo.agents.gri.driving.reward import End, Judge
+from dohyo.agents.gri.driving.reward import End, GriadReward
 from dohyo.agents.gri.driving.state import DrivingState
 from dohyo.agents.gri.driving.target_speed import target_speed
 from dohyo.agents.learning.policies.policy_agent import SensorEncoder
@@ -103,7 +103,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
         self._driving = DrivingEnv(scenario, tuple(sensors), CONTROL, reward=None)
         observations, _ = self._driving.reset()
         self._seen: Observation = observations[EGO]
-        self._judge, self._advised = Judge(), False
+        self._reward, self._advised = GriadReward(), False
         self._sight.reset(scenario.missions[0], scenario.seed)
         return self._sight.encode(self._seen), {}
 
@@ -121,11 +121,11 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
             observations, _, reached, late, infos = self._driving.step({EGO: TABLE[int(action)]})
             self._seen = observations[EGO]
             encoded = self._sight.encode(self._seen)  # in every tick: it may remember the last ones
-            reward, end = self._judge.tick(before, self._driving.world, target_speed(self._seen))
+            reward, end = self._reward.tick(before, self._driving.world, target_speed(self._seen))
             rewards.append(reward)
             over = reached[EGO] or late[EGO]
             if end is not None or over:
-                info = self._told(end, end is None and bool(infos[EGO].get("success", False)))
+                info = self._measures(end, end is None and bool(infos[EGO].get("success", False)))
                 break
         value = float(np.mean(rewards)) if end is None else rewards[-1]
         return encoded, value, end is not None, over and end is None, info
@@ -145,7 +145,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
             self._driving.close()
             self._driving = None
 
-    def _told(self, end: End | None, success: bool) -> dict[str, Any]:
+    def _measures(self, end: End | None, success: bool) -> dict[str, Any]:
         """Measures of an episode that has ended."""
         assert self._driving is not None
         world = self._driving.world

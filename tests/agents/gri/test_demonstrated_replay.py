@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
-from dohyo.agents.gri.experts import ShownTask
+from dohyo.agents.gri.experts import DemonstratedTask
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, POLICY, PolicyBehaviour
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.demonstrations import Demonstrations, record_demonstrations
@@ -25,7 +25,9 @@ DEMO_REWARD = 7.0
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Demonstrations:
     """Five episodes of the point's expert."""
-    return record_demonstrations(ShownTask(Point()), tmp_path_factory.mktemp("shown"), 5, expert="its own", seed=9)
+    return record_demonstrations(
+        DemonstratedTask(Point()), tmp_path_factory.mktemp("shown"), 5, expert="its own", seed=9
+    )
 
 
 def explored(
@@ -78,7 +80,7 @@ def test_the_same_seed_gives_the_same_demonstrations_and_no_share_gives_none(sho
 
 
 def test_returns_of_several_steps_stay_within_a_demonstration_and_end_where_it_terminates(tmp_path):
-    lock = record_demonstrations(ShownTask(Lock()), tmp_path / "lock", 3, expert="its own")
+    lock = record_demonstrations(DemonstratedTask(Lock()), tmp_path / "lock", 3, expert="its own")
     replay = explored(Lock(), lock, tmp_path, steps=300, replay_steps=3, p_demo=0.4)
     demonstrated, _ = parts(replay)
     sums = {1: DEMO_REWARD, 2: DEMO_REWARD * (1 + GAMMA), 3: DEMO_REWARD * (1 + GAMMA + GAMMA**2)}
@@ -93,7 +95,7 @@ def test_returns_of_several_steps_stay_within_a_demonstration_and_end_where_it_t
 
 def test_demonstrators_that_send_at_a_rate_keep_their_share_of_steps(tmp_path):
     """Episodes of the lock end after a step or two, demonstrations have six: by episodes they would be most of it."""
-    lock = record_demonstrations(ShownTask(Lock()), tmp_path / "lock", 3, expert="its own")
+    lock = record_demonstrations(DemonstratedTask(Lock()), tmp_path / "lock", 3, expert="its own")
     by_steps = explored(Lock(), lock, tmp_path / "steps", 600, p_demo=0.25, unit="steps")
     assert by_steps.share(DEMONSTRATOR) == pytest.approx(0.25, abs=6 / 1200)
     by_episodes = explored(Lock(), lock, tmp_path / "episodes", 600, p_demo=0.25)
@@ -117,7 +119,9 @@ def test_without_a_given_reward_it_is_the_highest_of_the_expert(shown, tmp_path)
 
 def test_a_share_of_demonstrations_is_bad_on_demand(tmp_path):
     def totals(noise: float) -> np.ndarray:
-        told = record_demonstrations(ShownTask(Point(), noise=noise), tmp_path / f"{noise}", 40, expert="its own")
+        told = record_demonstrations(
+            DemonstratedTask(Point(), noise=noise), tmp_path / f"{noise}", 40, expert="its own"
+        )
         return np.array([entry.total for entry in told.index.episodes])
 
     good = totals(0.0)

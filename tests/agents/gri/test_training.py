@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.gri.experts import ShownTask
+from dohyo.agents.gri.experts import DemonstratedTask
 from dohyo.agents.gri.training import GRI, GriRunConfig
 from dohyo.agents.learning.experience.demonstrations import INDEX, record_demonstrations
 from dohyo.agents.learning.files.card import read_cards, write_card
@@ -132,7 +132,7 @@ def test_demonstrations_of_another_task_or_expert_are_refused(experts, tmp_path)
         config = read_settings(GriRunConfig, None, (*arguments("sac", experts), *more))
         GRI.train(config, TrainRequest("gri", tmp_path / "run", False, no_report))
 
-    record_demonstrations(ShownTask(Point()), tmp_path / "run" / "demonstrations", 2, expert="its own")
+    record_demonstrations(DemonstratedTask(Point()), tmp_path / "run" / "demonstrations", 2, expert="its own")
     with pytest.raises(InvalidInputError, match=r"expected demonstrations of .*Point-v0', got 'point'"):
         train()
     with pytest.raises(InvalidInputError, match=r"expected demonstrations of .*Point-v0', got 'point'"):
