@@ -1,6 +1,6 @@
-"""Drives a freeway morning in lockstep with a policy worker, which is its planner.
+"""Drives a freeway morning, whose planner is a policy worker or an ONNX policy.
 
-The worker decides once a minute, before each publication. The rest is simulated here: the forecast is the last report,
+The planner decides once a minute, before each publication. The rest is simulated here: the forecast is the last report,
 and connected vehicles drive the plan's speed at their place, except near their leader, where the driver controls them.
 """
 
@@ -17,10 +17,13 @@ from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, Di
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
 from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from dohyo.service.freeway.planner import DECIDES_EVERY_S, STATE
+from dohyo.service.policies.agent import OnnxPolicy
 from dohyo.service.running.channel import SEEN, Channel
+from dohyo.service.running.gauge import Gauge
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.freeway.process import TICK_S
 
@@ -28,34 +31,73 @@ NEAR_M, NEAR_S = 3.0, 0.6
 """Constant and speed-dependent part of the gap below which the driver controls the vehicle."""
 
 
-def drive_morning(
-    order: EpisodeOrder, scenario: MorningScenario, channel: Channel, watch: Callable[[float], None]
-) -> bytes:
+Plan = Callable[[int, Float32Array, float], np.ndarray]
+"""From the number of the plan, (lanes, cells) speeds and the time of day, m/s and s, to target speeds, m/s."""
+
+
+def drive_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Channel, gauge: Gauge) -> bytes:
     """Drives a morning and writes its record.
 
     Args:
         order: Order to drive.
         scenario: The order's morning.
         channel: Channel to the server.
-        watch: Called before and after every decision; see `Gauge.watch_worker`.
+        gauge: Times that the server reads.
 
     Returns:
-        The last tick, as `SEEN`.
+        The last tick of a worker, as `SEEN`; nothing without a worker.
+
+    Raises:
+        InvalidInputError: The policy cannot be read.
     """
     env = DissipationEnv(morning_of(scenario.benchmark), scenario.seed)
-    space = env.action_space(PLANNER)
-    bridge = Bridge(channel, {PLANNER: PLANNER}, space.shape, lambda action: checked(action, space.shape), "wait")
+    if not order.remote:
+        gauge.begin()
+        policy = OnnxPolicy(**order.info.settings)
+        try:
+            policy.start(scenario.seed)
+            _drive(order, scenario, env, _planned_by(policy, gauge.watch))
+        finally:
+            policy.close()
+        return b""
+    shape = env.action_space(PLANNER).shape
+    bridge = Bridge(channel, {PLANNER: PLANNER}, shape, lambda action: checked(action, shape), "wait")
+
+    def plan(number: int, speeds: Float32Array, time_s: float) -> np.ndarray:
+        bridge.show(number, {PLANNER: {STATE: speeds}}, time_s)
+        gauge.watch_worker(order.act_deadline_s)
+        try:
+            return bridge.decision(PLANNER)
+        finally:
+            gauge.watch_worker(0.0)
+
+    plans, time_s = _drive(order, scenario, env, plan)
+    return SEEN.pack(plans, time_s, bridge.missed, bridge.clipped)
+
+
+def _planned_by(policy: OnnxPolicy, watch: Callable[[float], None]) -> Plan:
+    def plan(number: int, speeds: Float32Array, time_s: float) -> np.ndarray:
+        watch(policy.limits.decision_s)
+        try:
+            return checked(policy.act({STATE: speeds}), speeds.shape)
+        except InvalidInputError as error:
+            raise InvalidActionError(str(error)) from error
+        finally:
+            watch(0.0)
+
+    return plan
+
+
+def _drive(order: EpisodeOrder, scenario: MorningScenario, env: DissipationEnv, plan: Plan) -> tuple[int, float]:
+    """Drives and writes the record; returns the number of plans and the time of day at the end, s."""
     effects, tick, began = OutcomeWatch(), 0, time.monotonic()
     record = MorningRecord(scenario=scenario, benchmark=order.benchmark, agent=order.info)
     try:
         seen, _ = env.reset()
         while env.agents:
-            bridge.show(tick, {PLANNER: {STATE: seen[PLANNER]}}, env.world.time_s)
-            watch(order.act_deadline_s)
-            plan = {PLANNER: bridge.decision(PLANNER)}
-            watch(0.0)
+            published = {PLANNER: plan(tick, seen[PLANNER], env.world.time_s)}
             for _ in range(round(DECIDES_EVERY_S / TICK_S)):
-                seen, *_ = env.step(plan | {FORECASTER: last_report(seen[FORECASTER])} | vehicles(seen))
+                seen, *_ = env.step(published | {FORECASTER: last_report(seen[FORECASTER])} | vehicles(seen))
                 if env.world.time_s % OBSERVED_EVERY_S < 1e-6:
                     effects.observe(env.world)
                 if not env.agents:
@@ -68,7 +110,7 @@ def drive_morning(
         env.close()
     facts |= {"plans": tick, "wall_s": round(time.monotonic() - began, 3)}
     write_morning(order.directory, order.stem, record.model_copy(update=facts))
-    return SEEN.pack(tick, env.world.time_s, bridge.missed, bridge.clipped)
+    return tick, env.world.time_s
 
 
 def as_json(outcome: Outcome) -> dict[str, float | None]:

@@ -34,6 +34,7 @@ class OnnxPolicy(Agent):
 
     Attributes:
         sha256: Hash of the model.
+        limits: Resources that the model may use.
         settings: The constructor's arguments for the same agent anywhere, for records.
     """
 
@@ -67,7 +68,7 @@ class OnnxPolicy(Agent):
             InvalidInputError: The model is missing, has another hash, or was refused by the checks.
         """
         self.spec = AgentSpec(name=name, track=track, sensors=tuple(sensors), control=control)
-        self._limits = limits or PolicyLimits()
+        self.limits = limits or PolicyLimits()
         self._inputs, self._action = expected_inputs(self.spec), expected_action(self.spec)
         self._runtime = version("onnxruntime")
         if onnxruntime not in ("", self._runtime):
@@ -80,7 +81,7 @@ class OnnxPolicy(Agent):
         if sha256 not in ("", self.sha256):
             raise InvalidInputError(f"policy '{name}': expected a file with sha256 {sha256}, got {self.sha256}")
         if own:
-            check_policy(self._content, self.spec, self._limits)
+            check_policy(self._content, self.spec, self.limits)
         self._sandbox: Sandbox | None = None
 
     @property
@@ -103,7 +104,7 @@ class OnnxPolicy(Agent):
     def start(self, seed: int) -> None:
         """The same, for agents that have no mission."""
         self.close()
-        self._sandbox = Sandbox(self._content, self._inputs, self._limits, seed, self._action.name)
+        self._sandbox = Sandbox(self._content, self._inputs, self.limits, seed, self._action.name)
 
     def act(self, observation: Observation) -> np.ndarray:
         """The model's action, without a leading batch dimension.

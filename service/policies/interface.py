@@ -10,8 +10,9 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL
+from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL, PLANNING_CONTROL
 from dohyo.service.forecasting import interface as forecasting
+from dohyo.service.freeway import planner as planning
 from dohyo.service.parking.interface import (
     ACTION_SHAPE,
     INPUT,
@@ -72,6 +73,9 @@ def expected_inputs(spec: AgentSpec) -> tuple[Tensor, ...]:
         forecasting.check_forecaster(spec.track, spec.sensors)
         shapes = {forecasting.SENSORS[0]: forecasting.history_shape(), forecasting.SENSORS[1]: (1,)}
         return tuple(Tensor(name, shapes[name], "float32", open_end=True) for name in spec.sensors)
+    if spec.control == PLANNING_CONTROL:
+        planning.check_planner(spec.track, spec.sensors)
+        return (Tensor(planning.STATE, planning.plan_shape(), "float32"),)
     sensors = make_sensors(spec.sensors, Track[spec.track.upper()])
     return tuple(Tensor(sensor.name, tuple(sensor.space.shape), _dtype(sensor.space)) for sensor in sensors)
 
@@ -86,6 +90,8 @@ def expected_action(spec: AgentSpec) -> Tensor:
         return Tensor(ACTION, ACTION_SHAPE, "float32")
     if spec.control == FORECASTING_CONTROL:
         return Tensor(forecasting.OUTPUT, forecasting.forecast_shape(), "float32", open_end=True)
+    if spec.control == PLANNING_CONTROL:
+        return Tensor(ACTION, planning.plan_shape(), "float32")
     return Tensor(ACTION, tuple(_control(spec.control)[0].shape), "float32")
 
 
@@ -109,10 +115,15 @@ def published_spec() -> dict[str, Any]:
     """Every sensor and every control interface, as plain JSON."""
     return {
         "rules": RULES,
-        "sensors": {name: _sensor_document(name) for name in (*SENSORS, *PARKING_SENSORS, *forecasting.SENSORS)},
-        "controls": {name: _control_document(name) for name in (*CONTROLS, PARKING_CONTROL, FORECASTING_CONTROL)},
+        "sensors": {name: _sensor_document(name) for name in (*SENSORS, *_OTHER_SENSORS)},
+        "controls": {name: _control_document(name) for name in (*CONTROLS, *_OTHER_CONTROLS)},
         "enumerations": enumeration_documents(),
     }
+
+
+_OTHER_SENSORS = (*PARKING_SENSORS, *forecasting.SENSORS, planning.STATE)
+_OTHER_CONTROLS = (PARKING_CONTROL, FORECASTING_CONTROL, PLANNING_CONTROL)
+"""Sensors and controls of the families whose agents drive no cars."""
 
 
 def _sensor_document(name: str) -> dict[str, Any]:
@@ -120,6 +131,8 @@ def _sensor_document(name: str) -> dict[str, Any]:
         return sensor_documents()[name]
     if name in forecasting.SENSORS:
         return forecasting.sensor_documents()[name]
+    if name == planning.STATE:
+        return planning.sensor_document()
     (sensor,) = make_sensors([name])
     return {
         "name": name,
@@ -134,6 +147,8 @@ def _control_document(name: str) -> dict[str, Any]:
         return control_document()
     if name == FORECASTING_CONTROL:
         return forecasting.control_document()
+    if name == PLANNING_CONTROL:
+        return planning.control_document()
     space, description = _control(name)
     return {"control": name, **_space_document(space), "dtype": "float32", "description": description}
 

@@ -97,7 +97,7 @@ def _plan_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
         return b""
     from dohyo.service.freeway.drive import drive_morning  # the freeway's simulation takes a second to import
 
-    return drive_morning(order, scenario, channel, gauge.watch_worker)
+    return drive_morning(order, scenario, channel, gauge)
 
 
 @cache

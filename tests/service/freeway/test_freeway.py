@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from onnx import helper
 from sqlalchemy import select
 
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
@@ -23,8 +24,11 @@ from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.evaluations.scoring import MORNING_SCORES, summary_of_morning
 from dohyo.service.freeway.drive import FASTEST_MPS, checked, last_report, vehicles
+from dohyo.service.freeway.planner import plan_shape
+from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
+from tests.service.policies.models import model
 from tests.service.served import ROOT, Service
 from tests.service.serving import command
 
@@ -140,6 +144,38 @@ def test_orders_that_nobody_plans_close_nothing_for_anybody(service: Service, cl
         assert client.cancel(one)["status"] == "cancelled"
         client.resume(one)
         assert client.get(f"/v1/evaluations/{one}")["status"] == "queued"
+
+
+@pytest.mark.slow
+def test_an_uploaded_planner_plans_as_a_worker_does(client: Client, service: Service, tmp_path: Path) -> None:
+    """Both ask for the speeds that are, up to 30 m/s."""
+    shape = {"speeds": plan_shape()}
+    clip = helper.make_node("Clip", ["speeds", "low", "high"], ["action"])
+    limits = {"low": np.array(0.0, np.float32), "high": np.array(30.0, np.float32)}
+    path = tmp_path / "planner.onnx"
+    path.write_bytes(
+        model([clip], inputs=shape, outputs={"action": plan_shape()}, constants=limits).SerializeToString()
+    )
+    client.ensure_agent("uploaded", "")
+    spec = {key: PLANNER[key] for key in ("track", "sensors", "control")}
+    made = client.submit_onnx("uploaded", path, spec)
+    info = AgentInfo.model_validate({key: made[key] for key in ("name", "entry", "settings")} | spec | {"kind": "onnx"})
+    ordered = service.submit(info, benchmark(1), kind=AgentKind.ONNX, seeds=(5,))
+    by_worker = service.submit(planner("clip"), benchmark(1), seeds=(5,))
+    with WorkerSession(service.url, service.token, "clip") as session:
+        drive = None
+        while drive is None:
+            drive = session.acquire()
+        while not drive.done:
+            session.step(drive, {"planner": np.clip(drive.observations["planner"]["speeds"], 0.0, 30.0)})
+    uploaded, remote = (
+        MorningRecord.model_validate(client.record(service.episodes(one)[0].id))
+        for one in (ordered, by_worker)
+        if service.wait(one).status is EvaluationStatus.DONE
+    )
+    assert uploaded.failure is None
+    assert (uploaded.outcome, uploaded.plans) == (remote.outcome, remote.plans)
+    assert (uploaded.agent.kind, remote.agent.kind) == ("onnx", "remote")
 
 
 @pytest.fixture
