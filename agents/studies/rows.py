@@ -6,7 +6,9 @@ A row has the five fields of its `Cell` and its measures. The row of a lost cell
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+import math
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,16 @@ def arms_in(rows: Iterable[Row], order: Sequence[str]) -> list[str]:
     """Arms that have rows, in a given order."""
     there = {row["arm"] for row in rows}
     return [arm for arm in order if arm in there]
+
+
+def infractions_per_km(rows: Iterable[Row]) -> tuple[float, Mapping[str, float]]:
+    """Kilometres of some drives together, at least a metre, and their infractions per km by kind; 0 of other kinds."""
+    driven = list(rows)
+    km = max(math.fsum(row["driven_m"] for row in driven) / 1000.0, 1e-3)
+    total = Counter[str]()
+    for row in driven:
+        total.update(row["infractions"])
+    return km, defaultdict(float, {kind: count / km for kind, count in total.items()})
 
 
 def named(rows: Iterable[Row], field: str) -> list[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final
@@ -14,7 +13,7 @@ from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import EDGES_M
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
-from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched
+from dohyo.agents.studies.rows import Row, arms_in, infractions_per_km, is_lost, matched
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_table, fixed
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
@@ -101,12 +100,9 @@ def infractions_table(arms: Arms, results: Results) -> str:
     lines, rows = [], of_traffic(driven(results), "regular")
     for arm in arms_in(rows, [*arms]):
         own = [row for row in rows if row["arm"] == arm]
-        km = max(math.fsum(row["driven_m"] for row in own) / 1000.0, 1e-3)
-        total = Counter[str]()
-        for row in own:
-            total.update(row["infractions"])
+        km, found = infractions_per_km(own)
         completion = math.fsum(row["route_completion"] for row in own) / len(own)
-        rates = [f"{total[kind] / km:.2f}" for kind in PER_KM]
+        rates = [f"{found[kind]:.2f}" for kind in PER_KM]
         lines.append([arm, f"{completion:.1f}", f"{km:.1f}", *rates])
     return markdown(["arm", "completion, %", "km", *PER_KM.values()], lines) if lines else ""
 

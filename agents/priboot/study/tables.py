@@ -12,7 +12,7 @@ import numpy as np
 from dohyo.agents.priboot.study.arms import ARMS
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.crossed_bootstrap import estimate
-from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.rows import Row, arms_in, infractions_per_km, is_lost, matched, named
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_table, fixed
 from dohyo.evaluation.records.specifications import InfractionKind
@@ -94,14 +94,11 @@ def infractions_table(results: Results) -> str:
         there = [row for row in rows if row["benchmark"] == where]
         for arm in arms_in(there, [*ARMS]):
             own = [row for row in there if row["arm"] == arm]
-            km = max(math.fsum(row["driven_m"] for row in own) / 1000.0, 1e-3)
-            total = Counter[str]()
-            for row in own:
-                total.update(row["infractions"])
+            km, rates = infractions_per_km(own)
             endings = Counter(row["status"] for row in own)
             told = ", ".join(f"{count} {status.removeprefix('failed: ')}" for status, count in endings.most_common())
             speed = 1000.0 * km / max(math.fsum(row["duration_s"] for row in own), 0.1)
-            lines.append([where, arm, f"{km:.1f}", f"{speed:.1f}", *(f"{total[kind] / km:.2f}" for kind in seen), told])
+            lines.append([where, arm, f"{km:.1f}", f"{speed:.1f}", *(f"{rates[kind]:.2f}" for kind in seen), told])
     return markdown(["benchmark", "arm", "km", "mean speed, m/s", *seen, "endings"], lines) if lines else ""
 
 
