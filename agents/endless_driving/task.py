@@ -43,6 +43,11 @@ class TownConfig(Config):
     obey_lights: bool = True
     held_out: Annotated[int, Field(gt=0, le=1000)] = 10
 
+    @property
+    def shift_px(self) -> int:
+        """Largest random shift of a picture in training: the thesis's 8 pixels of 256."""
+        return round(8 / 256 * self.side)
+
 
 class ExpertConfig(Config):
     """Settings of the expert: the table [expert].

@@ -33,8 +33,6 @@ from dohyo.agents.rlad.rivals.sac_ae import Reconstruction
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Algorithm = Literal["rlad", "sac-ae", "curl", "drq", "drq-v2"]
-PAD_SHARE = 8 / 256
-"""Largest shift of a picture, of its side: the thesis's 8 pixels of 256."""
 
 
 class RladConfig(SacConfig):
@@ -82,7 +80,7 @@ def make_learner(settings: RladRunConfig, collector: Collector, run: TaskRun) ->
     frames = town.frames if town.view == "picture" else 1
     replay = make_replay(task, run, config, rows=len(collector), stack=frames)
     latent = Latent(task.observation_space, settings.latent)
-    shift = of_transitions(partial(random_shift, pad=round(PAD_SHARE * town.side)), [PICTURE])
+    shift = of_transitions(partial(random_shift, pad=town.shift_px), [PICTURE])
     given: dict[str, Any] = {"encoder": latent, "augment": _augment(settings, shift)}
     kind: Any = {"drq": Drq, "drq-v2": DrqV2}.get(settings.algorithm, Sac)
     if auxiliary := _auxiliary(settings, latent):

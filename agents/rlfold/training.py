@@ -26,8 +26,6 @@ from dohyo.agents.rlfold.rlfold import EXTRAS, Rlfold, RlfoldConfig
 
 TOWN = TownConfig(max_speed=5.0, frames=2, history=1, obey_lights=False)
 """Table 3.2 and the author's release: 5 m/s, two frames, the last speed and steering, and no lights."""
-SHIFT_PX = 2
-"""The thesis's 8 pixels of 256, at 64."""
 
 
 class RlfoldRunConfig(RunConfig):
@@ -68,11 +66,11 @@ def augmentation(settings: RlfoldRunConfig) -> Augment | None:
     """Changes of the pictures of a batch; None without pictures."""
     if settings.town.view == "state" or not settings.augmentation:
         return None
-    return of_transitions(_changed, [PICTURE])
+    return of_transitions(partial(_changed, pad=settings.town.shift_px), [PICTURE])
 
 
-def _changed(pictures: Tensor, generator: Generator) -> Tensor:
-    shifted = random_shift(pictures, generator, pad=SHIFT_PX)
+def _changed(pictures: Tensor, generator: Generator, pad: int) -> Tensor:
+    shifted = random_shift(pictures, generator, pad=pad)
     blurred = gaussian_blur(shifted, generator, sigma=(0.1, 1.0))
     return colour_jitter(blurred, generator, brightness=0.2, contrast=0.2, saturation=0.2)
 

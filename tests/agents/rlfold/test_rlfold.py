@@ -19,7 +19,7 @@ from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, POLICY
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 from dohyo.agents.perception.encoders.waypoints import WayConv1D
 from dohyo.agents.rlfold.rlfold import DEVIATION, Rlfold, RlfoldConfig
-from dohyo.agents.rlfold.training import RlfoldRunConfig
+from dohyo.agents.rlfold.training import TOWN, RlfoldRunConfig, augmentation
 from dohyo.agents.rlfold.two_deviations import truncated_log_density
 from tests.agents.learning.learners import learner, transitions
 from tests.forked import dohyo
@@ -81,6 +81,18 @@ def test_a_training_reads_waypoints_by_a_convolution_and_two_pictures_by_a_lix()
     assert isinstance(latent.seen, RladEncoder)
     assert latent.seen.shape[0] == 2 * 3
     assert latent.seen.mixing is not None
+
+
+@pytest.mark.parametrize(("side", "most"), [(64, 2), (256, 8)])
+def test_pictures_are_shifted_by_as_much_of_their_side_as_in_the_thesis(side: int, most: int) -> None:
+    torch.manual_seed(0)
+    augment = augmentation(RlfoldRunConfig(town=TOWN.model_copy(update={"side": side})))
+    assert augment is not None
+    pictures = torch.zeros(64, 6, 24, side, dtype=torch.uint8)
+    pictures[..., side // 2] = 255
+    one = TensorDict({"observation": {"camera": pictures}, "next": {"observation": {"camera": pictures}}}, [64])
+    columns = augment(one)["observation", "camera"].float().mean(dim=(1, 2)).argmax(dim=1)
+    assert int((columns - side // 2).abs().max()) == most
 
 
 def test_only_transitions_with_a_label_are_imitated(tmp_path: Path) -> None:
