@@ -104,20 +104,21 @@ def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demon
     """Demonstrations that the settings name, or those of a run's folder, which are recorded where there are none.
 
     Raises:
-        InvalidInputError: The settings name demonstrations that do not exist, or are of another task; or the run's
-            folder has those of another expert, left by a training that has not begun.
+        InvalidInputError: The settings name demonstrations that do not exist, or are of another task or an older one; or
+            the run's folder has those of another expert, left by a training that has not begun.
     """
     own = folder / "demonstrations"
     if not settings.demonstrations and not (own / INDEX).exists():
         record(settings, task, own)
-    shown = Demonstrations(Path(settings.demonstrations or own))
+    where = Path(settings.demonstrations or own)
+    shown = Demonstrations(where)
     if shown.index.task != task.name:
-        raise InvalidInputError(
-            f"'{settings.demonstrations or own}': expected demonstrations of '{task.name}', got '{shown.index.task}'"
-        )
+        raise InvalidInputError(f"'{where}': expected demonstrations of '{task.name}', got '{shown.index.task}'")
+    if isinstance(task, DrivingTask) and any(one.success and one.terminated for one in shown.index.episodes):
+        raise InvalidInputError(f"'{where}': recorded when a goal was a terminal state; remove it and record anew")
     told = shown.index.expert, len(shown)
     if not settings.demonstrations and told != (wanted := (_expert(settings), settings.shown)):
-        raise InvalidInputError(f"'{own}': expected expert and number of demonstrations {wanted}, got {told}")
+        raise InvalidInputError(f"'{where}': expected expert and number of demonstrations {wanted}, got {told}")
     return shown
 
 

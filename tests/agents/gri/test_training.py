@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 import signal
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from dohyo.agents.gri.experts import DemonstratedTask
-from dohyo.agents.gri.training import GRI, GriRunConfig
+from dohyo.agents.gri.training import GRI, GriRunConfig, demonstrations_of
 from dohyo.agents.learning.experience.demonstrations import INDEX, record_demonstrations
 from dohyo.agents.learning.files.card import read_cards, write_card
 from dohyo.agents.learning.files.report import Report, no_report
@@ -125,6 +126,15 @@ def test_an_expert_of_another_environment_is_refused(experts, tmp_path):
         with pytest.raises(InvalidInputError, match=said):
             GRI.train(config, TrainRequest("gri", tmp_path / "run", False, no_report))
     assert not (tmp_path / "run").exists()
+
+
+def test_demonstrations_of_driving_whose_goals_are_terminal_are_refused(tmp_path):
+    entry = {"file": "episodes/0", "sha256": "", "seed": 0, "length": 1, "total": 1.0, "success": True, "measures": {}}
+    index = {"task": "driving-state", "expert": "its own", "seed": 0, "episodes": [{**entry, "terminated": True}]}
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    config = read_settings(GriRunConfig, None, ("env=driving-state", f"demonstrations={tmp_path}"))
+    with pytest.raises(InvalidInputError, match="recorded when a goal was a terminal state"):
+        demonstrations_of(config, config.task, tmp_path)
 
 
 def test_demonstrations_of_another_task_or_expert_are_refused(experts, tmp_path):
