@@ -104,7 +104,7 @@ def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demon
     """Demonstrations that the settings name, or those of a run's folder, which are recorded where there are none.
 
     Raises:
-        InvalidInputError: The settings name demonstrations that do not exist, or are of another task or an older one; or
+        InvalidInputError: The settings name demonstrations that do not exist, or are of another task or older; or
             the run's folder has those of another expert, left by a training that has not begun.
     """
     own = folder / "demonstrations"
