@@ -66,6 +66,7 @@ class Audience:
     def end(self, data: bytes) -> None:
         """Tells that the world has ended, as the last event."""
         self._latest.pop("scene", None)
+        self._latest.pop("plans", None)
         self._ended = True
         self.tell("end", data)
 

@@ -35,13 +35,14 @@ router = APIRouter(prefix="/v1/worlds/{identifier}", tags=["worlds"])
     "/events",
     response_class=Response,
     responses=problems(404, 409)
-    | {200: {"description": "Events `stage`, `state`, `scene`, `end`.", "content": {MEDIA_TYPE: {}}}},
+    | {200: {"description": "Events `stage`, `state`, `plans`, `scene`, `end`.", "content": {MEDIA_TYPE: {}}}},
 )
 async def stream_world(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
     """Streams a live world to a spectator as server-sent events, at most ten scenes a second.
 
-    `stage` has what does not change, `state` the status and the drivers after each change, `scene` what is seen, and
-    `end` the status at the end. A spectator that reads slowly misses scenes, and the world never waits for it.
+    `stage` has what does not change, `state` the status and the drivers after each change, `plans` what drivers intend,
+    `scene` what is seen, and `end` the status at the end. A spectator that reads slowly misses scenes, and the world
+    never waits for it.
     """
     await find_world(services, caller, identifier)
     world = services.worlds.find(identifier, heard=False)

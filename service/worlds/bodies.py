@@ -168,9 +168,21 @@ class PaceRequest(BaseModel):
     speed: Speed = 1.0
 
 
+MOST_POINTS = 100
+FARTHEST_M = 1000.0
+PlanPoint = tuple[float, float]
+
+
 class WorldStep(Step, kw_only=True):
     """Decisions of a place for one tick."""
 
+    plans: Annotated[
+        dict[str, Annotated[list[PlanPoint], Meta(max_length=MOST_POINTS)]] | None,
+        Meta(
+            description="What egos of the place intend: points ahead in the ego's frame, m, shown to spectators. It "
+            "changes nothing else."
+        ),
+    ] = None
     actors: Annotated[ActorChange | None, Meta(description="Only of a place that is coupled.")] = None
 
 

@@ -23,9 +23,10 @@ from dohyo.service.simulating.actors import ActorChange, WorldActors
 from dohyo.service.simulating.order import Drivers, Reset, WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN, Decided, Shown
 from dohyo.service.spectating.audience import Audience
+from dohyo.service.spectating.plans import Plans
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
-from dohyo.service.worlds.bodies import EgoOutcome, WorldReply, WorldStep
+from dohyo.service.worlds.bodies import FARTHEST_M, EgoOutcome, WorldReply, WorldStep
 from dohyo.service.worlds.clock import Clock, ObeyedSteps, Pace
 from dohyo.service.worlds.guests import Guests
 from dohyo.service.worlds.model import WorldStatus
@@ -75,6 +76,7 @@ class LiveWorld:
         self.begun, self.heard, self.ending = False, time.monotonic(), ""
         self.audience = Audience(lambda watched: process.send(Kind.WATCH, bytes([watched])), MOST_SPECTATORS)
         self._told, self._obeyed = b"", ObeyedSteps()
+        self._plans = Plans()
         self._process = process
         self._shown = Shown([], {}, {})
         self._revision, self._allowed, self._restarted = 0, 0, False
@@ -123,6 +125,7 @@ class LiveWorld:
         self.resets, self._revision, self._restarted = self.resets + 1, self._revision + 1, True
         self._is_shown.clear()
         self.actors.clear()
+        self._plans.forget(self.seats.drivers)
         for seat in self.seats:
             seat.restart()
         if self.status is WorldStatus.OVER:
@@ -207,6 +210,7 @@ class LiveWorld:
         seat.refuse_ended()
         self.seats.remove(seat, why)
         self.actors.forget(seat.spec.name)
+        self._plans.forget(seat.egos)
         self._change(dict.fromkeys(seat.egos))
 
     def _change(self, specs: dict[str, AgentSpec | None]) -> None:
@@ -281,6 +285,8 @@ class LiveWorld:
             self.actors.change(seat.spec.name, step.actors)
         deciding = tuple(ego for ego in seat.egos if ego in self.driving)
         poses = {ego: Pose(*pose) for ego, pose in self._shown.poses.items()}
+        if step.plans is not None:
+            self._plans.take(step.plans, seat.egos, seat.tick, FARTHEST_M)
         seat.decide(decode(bytes(step.actions), fmt), deciding, poses)
 
     def _advance(self) -> None:
@@ -316,6 +322,8 @@ class LiveWorld:
 
     def _seen(self, kind: Kind, payload: bytes) -> None:
         """Handles a tick that the process shows, to the drivers or to spectators."""
+        if kind is Kind.SCENE and (plans := self._plans.news()) is not None:
+            self.audience.tell("plans", plans)
         if kind in (Kind.STAGE, Kind.SCENE):
             self.audience.tell(kind.name.lower(), payload)
             return

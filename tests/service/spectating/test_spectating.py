@@ -89,6 +89,38 @@ def test_a_spectator_sees_both_egos_move_and_pauses_steps_and_opens_the_replay(
         assert visit.complaints == []
 
 
+def test_a_spectator_sees_the_plan_of_a_driver_and_a_bad_plan_is_refused(served: Served, browser: Browser) -> None:
+    world = served.ask("POST", "/v1/worlds", {"scenario": street(), "undriven": "stand"})["id"]
+    served.ask("POST", f"/v1/worlds/{world}/pause")
+    asked = {"name": "alice", "egos": ["front"], "sensors": ["speedometer"], "control": "lane_command"}
+    seat = served.ask("POST", f"/v1/worlds/{world}/join", asked)
+
+    def step(tick: int, plans: object) -> int:
+        body = {"tick": tick, "actions": {"front": [0.0, 0.0]}, "plans": plans}
+        headers = {"authorization": f"Bearer {seat['token']}"}
+        return httpx.post(f"{served.url}/v1/seats/{seat['seat']}/step", json=body, headers=headers).status_code
+
+    far = [[2000.0, 0.0]]
+    for bad in ({"back": [[1.0, 0.0]]}, {"front": far}, {"front": [[1.0]]}, {"front": [[0.0, 0.0]] * 101}):
+        assert step(0, bad) == 422, bad
+    with visiting(browser, served.url) as begin:
+        visit = begin()
+        visit.go(f"/login?next=/worlds/{world}")
+        visit.page.fill("input[name=token]", served.token)
+        visit.page.get_by_role("button", name="sign in").click()
+        served.ask("POST", f"/v1/worlds/{world}/step", {"ticks": 2})
+        assert step(0, None) == 200
+        expect(visit.page.locator(".clock")).to_have_text("0.1 s")
+        visit.page.keyboard.press("f")  # follows the ego, which stands
+        visit.page.wait_for_timeout(500)
+        before = visit.page.locator("canvas").screenshot()
+        assert step(1, {"front": [[2.0 * k, 0.3 * k] for k in range(20)]}) == 200
+        expect(visit.page.locator(".clock")).to_have_text("0.2 s")
+        wait_until(lambda: visit.page.locator("canvas").screenshot() != before, "the plan is not drawn")
+        assert visit.complaints == []
+    served.ask("POST", f"/v1/worlds/{world}/end")
+
+
 def scenes_until(served: Served, world: str, tick: int) -> list[dict[str, object]]:
     """Scenes that a spectator gets, up to a tick."""
     headers = {"authorization": f"Bearer {served.token}"}

@@ -1,8 +1,10 @@
 /** A drive that grows: scenes of a live world are appended, and what is older than the trails is dropped. */
 
 import { Drive } from "../replay/drive.js";
+import { planOf } from "../replay/reasons.js";
 
 const KEPT_TICKS = 40;
+const STALE_TICKS = 5; // a plan older than half a second is not shown
 
 export class LiveDrive extends Drive {
   /** @param stage what does not change in the world: bounds, egos with routes, stop lines */
@@ -19,6 +21,7 @@ export class LiveDrive extends Drive {
     this.egoTracks = this.egos.map((ego) => empty(ego.name, "ego", ego.length, ego.width));
     this.egos.forEach((ego, i) => (ego.track = this.egoTracks[i]));
     this.actors = new Map();
+    this.plans = {}; // of each ego, the last one with its tick
   }
 
   /** Simulated time of the newest scene, s. */
@@ -42,6 +45,13 @@ export class LiveDrive extends Drive {
     this.actors = present;
     this._arrange();
     this.signals.forEach((lamp, i) => (lamp.states[0] = Number(scene.lights[i])));
+  }
+
+  /** The plan that the driver of an ego has sent, in the network frame; null where there is none, or an old one. */
+  planOf(ego) {
+    const plan = this.plans[ego.name];
+    const age = this.tick - (plan?.tick ?? -Infinity);
+    return plan && age >= 0 && age <= STALE_TICKS ? planOf({ trajectory: plan.points }, ego.track, plan.tick) : null;
   }
 
   _forget() {

@@ -30,6 +30,7 @@ export function watch(place, world, page) {
       if (first) shown = await draw(place, world, drive, page);
       shown?.clock.follow(drive.newest); // before that, the roads are being read
     },
+    plans: (plans) => drive && (drive.plans = plans),
     state: page.state,
     end: (end) => {
       stop();
@@ -53,7 +54,9 @@ async function draw(place, world, drive, page) {
   const clock = new LiveClock(drive.dt);
   const { element, canvas, ruler: bar } = frame(map, `World ${world.scenario}, live, seen from above. Space pauses, f follows the ego.`);
   place.replaceChildren(element);
-  const view = new View(canvas, drive, map, clock);
+  let view = null;
+  clock.onFrame(() => view && (view.plan = drive.planOf(view.ego))); // before the view draws
+  view = new View(canvas, drive, map, clock);
   const cameras = new CameraControls([view], "route", () => clock.request());
   view.onCamera = () => cameras.show();
   clock.onFrame(() => ruler(bar, view.camera));
