@@ -251,3 +251,19 @@ def test_a_damaged_model_is_described_or_no_model(data: st.DataObject) -> None:
     except ValueError as error:
         description = {"error": str(error)}
     assert description.get("nodes", 0) > 0 or "no ONNX model" in description["error"]
+
+
+def last_rows(columns: int | str) -> onnx.ModelProto:
+    """A forecaster: the last three minutes come again."""
+    constants = {"starts": np.array([5]), "ends": np.array([8])}
+    node = helper.make_node("Slice", ["history", "starts", "ends"], ["forecast"])
+    shapes = {"inputs": {"history": (8, columns)}, "outputs": {"forecast": (3, columns)}}
+    return models.model([node], constants=constants, **shapes)
+
+
+def test_a_forecaster_may_leave_the_number_of_segments_open() -> None:
+    spec = AgentSpec(name="f", track="sensors", sensors=("history",), control="speeds_ahead")
+    for columns in (21, "segments"):
+        assert check_policy(last_rows(columns).SerializeToString(), spec).nodes == 1
+    with pytest.raises(PolicyRefusedError, match=r"input 'history': expected shape \(8, 21\).*got \(8, 20\)"):
+        check_policy(last_rows(20).SerializeToString(), spec)
