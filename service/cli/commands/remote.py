@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from json import dumps
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from dohyo.evaluation.families import Family, family_for
 from dohyo.evaluation.freeway.day import METRICS, DaysManifest
 from dohyo.evaluation.freeway.morning import MorningsManifest
 from dohyo.evaluation.parking.lot_files import LotsManifest
@@ -37,6 +39,13 @@ TITLES = (
     | {one.key: f"{one.title}, {one.unit}" for one in METRICS}
 )
 NOT_DONE = 1
+FIRST_BENCHMARK: Final[Mapping[Family, str]] = {
+    Family.DRIVING: "quickstart",
+    Family.PARKING: "parking-simple",
+    Family.FREEWAY: "dissipation",
+    Family.FORECASTING: "forecast-easy",
+}
+"""What a new submission may be tried on."""
 
 
 def submit(
@@ -77,7 +86,8 @@ def submit(
     console.print(f"{agent}, version {made['version']}: {made['kind']}, track {made['track']}", highlight=False)
     if remote:
         console.print(f"its worker: dohyo worker --server {server} --agent {agent} --entry ...", highlight=False)
-    console.print(f"next: dohyo evaluations start {agent} quickstart --watch", highlight=False)
+    first = FIRST_BENCHMARK[family_for(made["control"])]
+    console.print(f"next: dohyo evaluations start {agent} {first} --watch", highlight=False)
 
 
 def start(
