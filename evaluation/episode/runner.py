@@ -26,6 +26,8 @@ from dohyo.sumo_networks.simulation import sumo_version
 
 Show = Callable[[int, dict[str, Observation]], None]
 """Function called with the tick and the observations of all agents that will act."""
+Watch = Callable[[float, int], None]
+"""Function called with a deadline in seconds, or 0, and the number of the ego whose agent is called."""
 
 
 def run_episode(
@@ -47,7 +49,7 @@ def drive_episode(
     infos: Mapping[str, AgentInfo] | None = None,
     benchmark: tuple[str, str] | None = None,
     act_deadline_s: float = ACT_DEADLINE_S,
-    watch: Callable[[float], None] = lambda seconds: None,
+    watch: Watch = lambda seconds, ego: None,
     show: Show | None = None,
     env: DrivingEnv | None = None,
 ) -> tuple[EpisodeRecord, Trajectory]:
@@ -74,13 +76,20 @@ def drive_episode(
     if missing:
         raise InvalidInputError(f"scenario '{scenario.name}' has no agent for {sorted(missing)}")
     env = env or agents_env(scenario, agents)
-    guarded = {name: GuardedAgent(agent, act_deadline_s, watch) for name, agent in agents.items()}
+    guarded = {
+        mission.name: GuardedAgent(agents[mission.name], act_deadline_s, _watched(watch, ego))
+        for ego, mission in enumerate(scenario.missions)
+    }
     episode = _Episode(env, scenario, guarded, show)
     try:
         episode.run()
     finally:
         env.close()
     return episode.record(infos, benchmark)
+
+
+def _watched(watch: Watch, ego: int) -> Callable[[float], None]:
+    return lambda seconds: watch(seconds, ego)
 
 
 def agents_env(scenario: Scenario, agents: Mapping[str, Agent]) -> DrivingEnv:

@@ -2,7 +2,7 @@
 
 A worker writes each record itself, so that finished records survive the death of any other process. The parent assigns
 jobs and supervises: it replaces a dead worker and tries its job once more, and it ends a worker whose agent never
-returns. A worker whose parent has died ends itself.
+returns. In a mixed run the other agents then drive again without that one. A worker whose parent has died ends itself.
 """
 
 from __future__ import annotations
@@ -12,23 +12,26 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.sharedctypes import Synchronized
 from typing import Any, Protocol
 
-from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.episode.runner import drive_episode, versions
+import numpy as np
+
+from dohyo.evaluation.agent import Agent, AgentSpec, Observation, make_agent
+from dohyo.evaluation.episode.runner import Watch, drive_episode, versions
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import TrajectoryRecorder
-from dohyo.evaluation.running.job import KILL_GRACE_S, MAX_ATTEMPTS, POLL_S, Job
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.evaluation.running.job import KILL_GRACE_S, MAX_ATTEMPTS, NEVER_RETURNED, POLL_S, Job
+from dohyo.sumo_networks.errors import AgentTimeoutError, InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.processes import worker_context, worker_process
 from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.scenario import Mission
 
 
 class Executor(Protocol):
@@ -82,6 +85,7 @@ class Worker:
     pipe: Connection = field(init=False)
     process: Any = field(init=False)
     must_end_by: Synchronized[float] = field(init=False)
+    called: Synchronized[int] = field(init=False)
 
     def __post_init__(self) -> None:
         self._start()
@@ -89,8 +93,8 @@ class Worker:
     def _start(self) -> None:
         context = worker_context()
         self.pipe, theirs = context.Pipe()
-        self.must_end_by = context.Value("d", 0.0)
-        self.process = worker_process(_work, theirs, self.must_end_by)
+        self.must_end_by, self.called = context.Value("d", 0.0), context.Value("i", 0)
+        self.process = worker_process(_work, theirs, self.must_end_by, self.called)
         self.process.start()
         theirs.close()
 
@@ -112,7 +116,7 @@ class Worker:
 
     def collect(self, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
         """The finished record, or one for a job that cannot be finished; None if the job will be tried again."""
-        job, hangs = self.job, self.hangs()
+        job, hangs, ego = self.job, self.hangs(), self.called.value
         assert job is not None
         answer = self._answer()
         self.job = None
@@ -125,7 +129,10 @@ class Worker:
         self.stop()
         self._start()
         if hangs:
-            return lost_episode(job, Status.AGENT_DEADLINE, "agent never returned; its process was ended")
+            if (others := job.without(ego, NEVER_RETURNED)) is None:
+                return lost_episode(job, Status.AGENT_DEADLINE, NEVER_RETURNED)
+            pending.append((others, self.attempt))
+            return None
         if self.attempt < MAX_ATTEMPTS:
             pending.append((job, self.attempt + 1))
             return None
@@ -177,7 +184,7 @@ def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
     return record
 
 
-def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
+def _work(pipe: Connection, must_end_by: Synchronized[float], called: Synchronized[int]) -> None:
     """A worker process: drives one job after the other until its parent closes the pipe or dies."""
     jobs: deque[Job] = deque()
     arrived = threading.Semaphore(0)
@@ -190,7 +197,8 @@ def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
                 os._exit(0)
             arrived.release()
 
-    def watch(seconds: float) -> None:
+    def watch(seconds: float, ego: int) -> None:
+        called.value = ego
         must_end_by.value = time.monotonic() + seconds if seconds else 0.0
 
     threading.Thread(target=listen, daemon=True).start()
@@ -206,9 +214,33 @@ def _work(pipe: Connection, must_end_by: Synchronized[float]) -> None:
             pipe.send(f"{type(error).__name__}: {error}")
 
 
-def drive_job(job: Job, watch: Callable[[float], None] = lambda seconds: None) -> EpisodeRecord:
+class Hung(Agent):
+    """Stands for an agent that had to be ended with its process: it fails at once, as that one did."""
+
+    spec = AgentSpec(name="hung", track="sensors", sensors=("speedometer",), control="lane_command")
+
+    def __init__(self, why: str) -> None:
+        """Stores the reason."""
+        self._why = why
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        """Raises AgentTimeoutError."""
+        raise AgentTimeoutError(self._why)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Raises AgentTimeoutError."""
+        raise AgentTimeoutError(self._why)
+
+    def close(self) -> None:
+        """Does nothing: it holds no resources."""
+
+
+def drive_job(job: Job, watch: Watch = lambda seconds, ego: None) -> EpisodeRecord:
     """Drives one job in this process and writes its record."""
-    agents = {name: make_agent(info.entry, info.settings) for name, info in job.infos.items()}
+    agents = {
+        name: Hung(job.hung[name]) if name in job.hung else make_agent(info.entry, info.settings)
+        for name, info in job.infos.items()
+    }
     try:
         record, trajectory = drive_episode(
             job.scenario,

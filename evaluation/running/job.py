@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from dohyo.evaluation.records.record import AgentInfo
@@ -12,6 +12,7 @@ from dohyo.sumo_networks.scenario import Scenario
 MAX_ATTEMPTS = 2
 KILL_GRACE_S = 5.0
 POLL_S = 0.5
+NEVER_RETURNED = "agent never returned; its process was ended"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,8 @@ class Job:
         directory: Folder of the record.
         stem: File name without suffix.
         act_deadline_s: Wall-clock time allowed for one decision, s.
+        hung: Why an agent is at fault that had to be ended with its process, by ego. These egos drive no more, and the
+            other agents drive without them.
     """
 
     scenario: Scenario
@@ -33,3 +36,18 @@ class Job:
     directory: Path
     stem: str
     act_deadline_s: float
+    hung: Mapping[str, str] = field(default_factory=dict)
+
+    def without(self, ego: int, why: str) -> Job | None:
+        """The job without the agent that had to be ended with its process, for the other agents to drive again.
+
+        Args:
+            ego: Number of an ego of that agent; all of its egos are at fault.
+            why: Reason, for the record.
+
+        Returns:
+            The job; None where no other agent is left.
+        """
+        culprit = self.infos[self.scenario.missions[ego].name]
+        hung = {**self.hung, **{name: why for name, info in self.infos.items() if info == culprit}}
+        return replace(self, hung=hung) if len(self.hung) < len(hung) < len(self.infos) else None

@@ -6,8 +6,8 @@ import mmap
 import time
 from typing import Final
 
-GAUGE_BYTES: Final = 24
-_DUE, _BEGAN, _AGENT = range(3)  # float64 each
+GAUGE_BYTES: Final = 40
+_DUE, _BEGAN, _AGENT, _EGO, _SLOWEST = range(5)  # float64 each
 
 
 class Gauge:
@@ -16,7 +16,7 @@ class Gauge:
     def __init__(self, descriptor: int) -> None:
         """Maps a file of `GAUGE_BYTES` that both processes have open."""
         self._values = memoryview(mmap.mmap(descriptor, GAUGE_BYTES)).cast("d")
-        self._called = 0.0
+        self._called, self._taken_s = 0.0, dict[int, float]()
 
     @property
     def due(self) -> float:
@@ -33,28 +33,43 @@ class Gauge:
         """Wall-clock time that the agent has taken for its decisions."""
         return self._values[_AGENT]
 
+    @property
+    def ego(self) -> int:
+        """Number of the ego whose agent was called last."""
+        return int(self._values[_EGO])
+
+    @property
+    def slowest(self) -> int:
+        """Number of the ego whose agent has taken the most time."""
+        return int(self._values[_SLOWEST])
+
     def clear(self) -> None:
         """A new order begins."""
-        self._called = self._values[_DUE] = self._values[_BEGAN] = self._values[_AGENT] = 0.0
+        self._called, self._taken_s = 0.0, {}
+        for place in (_DUE, _BEGAN, _AGENT, _EGO, _SLOWEST):
+            self._values[place] = 0.0
 
     def begin(self) -> None:
         """The drive begins."""
         self._values[_BEGAN] = time.monotonic()
 
-    def watch(self, seconds: float) -> None:
-        """An agent is called and may take so long; 0: it has returned."""
+    def watch(self, seconds: float, ego: int = 0) -> None:
+        """The agent of an ego is called and may take so long; 0: it has returned."""
         now = time.monotonic()
         if seconds:
             self._called = now
+            self._values[_EGO] = ego
             self._values[_DUE] = now + seconds
         elif self._called:
             self._values[_DUE] = 0.0
             self._values[_AGENT] += now - self._called
+            self._taken_s[self.ego] = self._taken_s.get(self.ego, 0.0) + now - self._called
+            self._values[_SLOWEST] = max(self._taken_s, key=self._taken_s.__getitem__)
             self._called = 0.0
 
-    def watch_worker(self, seconds: float) -> None:
+    def watch_worker(self, seconds: float, ego: int = 0) -> None:
         """The same for an agent elsewhere: the server knows its deadlines, and it begins with the first decision."""
         if seconds and not self.began:
             self.begin()
-        self.watch(seconds)
+        self.watch(seconds, ego)
         self._values[_DUE] = 0.0

@@ -37,6 +37,7 @@ class EpisodeOrder(Config):
         remote: Whether a policy worker decides.
         slow_policy: Whether the simulation waits for a slow worker, or goes on with its last decision.
         agent_seed: Seed that a remote agent is given; the seeds of traffic and events do not follow from it.
+        hung: Why an agent of a mixed run is at fault that had to be ended with its process, by ego.
         verdict: Status and reason of an episode that is recorded without driving.
     """
 
@@ -50,6 +51,7 @@ class EpisodeOrder(Config):
     remote: bool = False
     slow_policy: Literal["wait", "realtime"] = "wait"
     agent_seed: int = 0
+    hung: dict[str, str] = Field(default_factory=dict)
     verdict: tuple[Status, str] | None = None
 
     def told(self, version: int) -> dict[str, Any]:
@@ -127,7 +129,19 @@ class EpisodeOrder(Config):
         """
         if not isinstance(self.scenario, Scenario):
             raise InvalidInputError(f"expected an episode on roads, got a {self.scenario.name}")
-        return Job(self.scenario, self.infos, self.benchmark, self.directory, self.stem, self.act_deadline_s)
+        return Job(
+            *(self.scenario, self.infos, self.benchmark, self.directory, self.stem, self.act_deadline_s), self.hung
+        )
+
+    def without(self, ego: int, why: str) -> EpisodeOrder | None:
+        """The order without an agent of a mixed run that never returned; None where no other agent is left.
+
+        Args:
+            ego: Number of an ego of that agent.
+            why: Reason, for the record.
+        """
+        others = self.job.without(ego, why) if self.others else None
+        return self.model_copy(update={"hung": dict(others.hung)}) if others is not None else None
 
 
 def agent_seed(secret: str, position: int) -> int:

@@ -22,7 +22,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from dohyo.evaluation.running.job import KILL_GRACE_S, POLL_S
+from dohyo.evaluation.running.job import KILL_GRACE_S, NEVER_RETURNED, POLL_S
 from dohyo.service.confinement.environment import of_episodes, without_secrets
 from dohyo.service.forking.process import ForkedProcess
 from dohyo.service.forking.server import Launch, Template, fork
@@ -60,12 +60,14 @@ class Outcome:
     Attributes:
         end: Kind of the end.
         text: Reason, where it did not finish.
+        ego: Of an agent that never returned: number of an ego that it drives.
         last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and further bytes of its program.
     """
 
     end: End
     text: str = ""
     last: bytes = b""
+    ego: int = 0
 
 
 class EpisodeProcess:
@@ -176,9 +178,10 @@ class EpisodeProcess:
         gauge, now, limit_s = self._gauge, time.monotonic(), self._limit_s
         assert gauge is not None
         if gauge.due > 0.0 and now > gauge.due + KILL_GRACE_S:
-            self.kill(Outcome(End.HUNG, "agent never returned; its process was ended"))
+            self.kill(Outcome(End.HUNG, NEVER_RETURNED, ego=gauge.ego))
         elif gauge.agent_s > limit_s / 2:
-            self.kill(Outcome(End.HUNG, f"agent took more than {limit_s / 2:g} s for the decisions of one episode"))
+            text = f"agent took more than {limit_s / 2:g} s for the decisions of one episode"
+            self.kill(Outcome(End.HUNG, text, ego=gauge.slowest))
         elif gauge.began > 0.0 and now > gauge.began + limit_s:
             text = f"episode took more than {limit_s:g} s, of which its agent took {gauge.agent_s:.0f} s"
             self.kill(Outcome(End.FAILED, text))

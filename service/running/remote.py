@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
-from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.episode.runner import Watch, drive_episode
 from dohyo.evaluation.records.store import write_record
 from dohyo.service.running.channel import FORMATS, SEEN, Channel, Fault, Kind
 from dohyo.service.running.order import EpisodeOrder
@@ -153,7 +153,7 @@ class RemoteAgent(Agent):
         """Does nothing: the agent holds no resources."""
 
 
-def drive_remotely(order: EpisodeOrder, channel: Channel, watch: Callable[[float], None]) -> bytes:
+def drive_remotely(order: EpisodeOrder, channel: Channel, watch: Watch) -> bytes:
     """Drives an order in lockstep with a worker and writes its record.
 
     Args:

@@ -233,6 +233,8 @@ class Scheduler:
             await self._fail(ticket, str(error))
             return
         outcome = Outcome(End.HUNG, USED_UP) if ticket.used_up else await self._in_process(order, live)
+        while outcome.end is End.HUNG and (others := order.without(outcome.ego, outcome.text)) is not None:
+            outcome, order = await self._in_process(others, live), others
         if outcome.end in OUTCOMES:
             if await self._results.give_up(ticket, outcome, live.processor_s) is not Next.AGENT_FAULT:
                 return

@@ -55,16 +55,19 @@ def test_the_time_in_calls_of_the_agent_is_summed(monkeypatch: pytest.MonkeyPatc
         shared.truncate(GAUGE_BYTES)
         process, server = Gauge(shared.fileno()), Gauge(shared.fileno())
     process.begin()
-    for seconds in (1.0, 2.5):
-        process.watch(10.0)
+    for ego, seconds in ((0, 1.0), (1, 2.5)):
+        process.watch(10.0, ego)
+        assert server.ego == ego
         assert server.due == clock[0] + 10.0
         clock[0] += seconds
         process.watch(0.0)
         assert server.due == 0.0
         clock[0] += 7.0
-    assert (server.began, server.agent_s) == (100.0, 3.5)
+    process.watch(10.0, 0)
+    process.watch(0.0, 0)
+    assert (server.began, server.agent_s, server.ego, server.slowest) == (100.0, 3.5, 0, 1)
     process.clear()
-    assert (server.began, server.agent_s) == (0.0, 0.0)
+    assert (server.began, server.agent_s, server.slowest) == (0.0, 0.0, 0)
 
 
 def test_a_worker_has_no_deadline_here_and_its_drive_begins_with_its_first_decision() -> None:
