@@ -24,6 +24,8 @@ from dohyo.sumo_networks.envs.reward_meter import RewardMeter
 from dohyo.sumo_networks.errors import AgentTimeoutError
 from dohyo.sumo_networks.units import TICK_S
 
+_TRACKS = ("sensors", "map", "privileged")
+
 
 class Standing(Agent):
     """Brakes to a stop and stays in its lane."""
@@ -114,10 +116,17 @@ class WorldEgo(Agent):
 
     @property
     def info(self) -> AgentInfo:
-        """Description for the record; several drivers are named in turn."""
+        """Description for the record; several drivers are named in turn, with the most that any of them could do."""
         last = self.drove[-1] if self.drove else self._info
         names = " + ".join(one.name for one in self.drove)
-        return last if len(self.drove) < 2 else last.model_copy(update={"name": names, "kind": "remote"})
+        if len(self.drove) < 2:
+            return last
+        could = {
+            "track": max((one.track for one in self.drove), key=_TRACKS.index),
+            "sensors": tuple(dict.fromkeys(sensor for one in self.drove for sensor in one.sensors)),
+            "control": "pose" if any(one.control == "pose" for one in self.drove) else last.control,
+        }
+        return last.model_copy(update={"name": names, "kind": "remote", **could})
 
 
 def _info_of(spec: AgentSpec) -> AgentInfo:
