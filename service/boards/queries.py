@@ -55,21 +55,23 @@ def benchmark_names(session: Session) -> list[str]:
 
 
 def mixed_runs(session: Session, benchmark_sha256: str, seen: ColumnElement[bool], limit: int) -> list[str]:
-    """Complete mixed runs on a benchmark version that meet a condition, newest first."""
+    """Complete mixed runs on a benchmark version that meet a condition; of owners in turn, the newest first."""
     return _complete_runs(session, benchmark_sha256, seen & _is_mixed(), limit)
 
 
 def runs_alone(
     session: Session, benchmark_sha256: str, submissions: Collection[str], seen: ColumnElement[bool], limit: int
 ) -> list[str]:
-    """Complete runs of some submissions without other agents, that meet a condition, newest first."""
+    """The same of runs of some submissions without other agents."""
     of_those = Evaluation.submission_id.in_(submissions)
     return _complete_runs(session, benchmark_sha256, seen & ~_is_mixed() & of_those, limit)
 
 
 def _complete_runs(session: Session, benchmark_sha256: str, which: ColumnElement[bool], limit: int) -> list[str]:
     complete = (Evaluation.benchmark_sha256 == benchmark_sha256) & (Evaluation.status == EvaluationStatus.DONE)
-    query = select(Evaluation.id).where(complete, which).order_by(Evaluation.created.desc(), Evaluation.id)
+    newest = Evaluation.created.desc()
+    turn = func.row_number().over(partition_by=Evaluation.owner, order_by=newest)  # one owner cannot fill the limit
+    query = select(Evaluation.id).where(complete, which).order_by(turn, newest, Evaluation.id)
     return list(session.scalars(query.limit(limit)))
 
 

@@ -34,8 +34,9 @@ def get_cross_play(
 ) -> Response:
     """Headline score of each agent beside each other one, from the complete mixed runs that the caller may read.
 
-    An agent beside itself are its complete runs alone, with copies of itself in all egos. The newest 100 runs of either
-    kind count. Runs are practice: anybody can order many of them, with any seeds.
+    An agent beside itself are its complete runs alone, with copies of itself in all egos. At most 100 runs of either
+    kind count, of their owners in turn, each owner's newest first. Runs are practice: anybody can order them, with any
+    seeds.
     """
     document = _cross_play(services, readers, caller, name, version)
     return Response(msgspec.json.encode(document), media_type="application/json")

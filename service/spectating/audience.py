@@ -32,7 +32,7 @@ class Audience:
         self._latest: dict[str, tuple[int, bytes]] = {}
         self._number, self._told_s = 0, 0.0
         self._ended = False
-        self._waiting: set[asyncio.Event] = set()
+        self._waiting: dict[asyncio.Event, str] = {}
 
     @property
     def watching(self) -> int:
@@ -70,18 +70,33 @@ class Audience:
         self._ended = True
         self.tell("end", data)
 
+    @property
+    def token_ids(self) -> set[str]:
+        """API tokens with which spectators watch."""
+        return set(self._waiting.values()) - {""}
+
+    def dismiss(self, token_id: str) -> None:
+        """Ends the events of the spectators of an API token."""
+        for fresh in [one for one, held in self._waiting.items() if held == token_id]:
+            del self._waiting[fresh]
+            fresh.set()
+
     def check_room(self) -> None:
         """Raises TooManyRequestsError if there is no room for another spectator."""
         if len(self._waiting) >= self._most:
             raise TooManyRequestsError(f"the world has its {self._most} spectators", FULL_RETRY_S)
 
-    async def events(self) -> AsyncIterator[bytes]:
-        """The events for one new spectator, until the world has ended; comments in silence."""
+    async def events(self, token_id: str = "") -> AsyncIterator[bytes]:
+        """The events for one new spectator, until the world has ended; comments in silence.
+
+        Args:
+            token_id: API token of the spectator; "": none.
+        """
         fresh, seen = asyncio.Event(), 0
-        self._join(fresh)
+        self._join(fresh, token_id)
         try:
             yield b"retry: %d\n\n" % RETRY_MS
-            while True:
+            while fresh in self._waiting:
                 events = b"".join(event for number, event in self._latest.values() if number > seen)
                 seen, over = self._number, self._ended
                 fresh.clear()
@@ -92,13 +107,13 @@ class Audience:
         finally:
             self._leave(fresh)
 
-    def _join(self, fresh: asyncio.Event) -> None:
-        self._waiting.add(fresh)
+    def _join(self, fresh: asyncio.Event, token_id: str) -> None:
+        self._waiting[fresh] = token_id
         if len(self._waiting) == 1 and not self._ended:
             self._watch(True)
 
     def _leave(self, fresh: asyncio.Event) -> None:
-        self._waiting.discard(fresh)
+        self._waiting.pop(fresh, None)
         if not self._waiting and not self._ended:
             self._watch(False)
             self._latest = {name: told for name, told in self._latest.items() if name == "state"}  # the rest is old

@@ -49,7 +49,9 @@ async def stream_world(identifier: Identifier, caller: Holder, services: Service
     if world is None:
         raise ConflictError(f"world '{identifier}' has ended")
     world.audience.check_room()
-    return StreamingResponse(world.audience.events(), media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
+    return StreamingResponse(
+        world.audience.events(caller.token_id or ""), media_type=MEDIA_TYPE, headers={"cache-control": "no-store"}
+    )
 
 
 @router.get("/replay", response_class=Response, responses=problems(404, 409, 410) | Cached.json())

@@ -255,12 +255,14 @@ class WorldBook:
         return world, seat
 
     def token_ids(self) -> set[str]:
-        """API tokens with which workers joined."""
-        return {seat.token_id for world in self._live.values() for seat in world.seats}
+        """API tokens with which workers joined, and spectators watch."""
+        seated = {seat.token_id for world in self._live.values() for seat in world.seats}
+        return seated.union(*(world.audience.token_ids for world in self._live.values()))
 
     def dismiss(self, token_id: str) -> None:
-        """Takes the seats of the workers of an API token that is no longer valid."""
+        """Takes the seats of the workers of an API token that is no longer valid, and ends what spectators watch."""
         for world in self._live.values():
+            world.audience.dismiss(token_id)
             for seat in [one for one in world.seats if one.token_id == token_id]:
                 world.leave(seat, "the token of the worker is no longer valid")
 

@@ -10,6 +10,7 @@ from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.service.accounts.model import Role
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationEgo, EvaluationStatus
+from dohyo.service.mixed_runs import routes
 from tests.evaluation.builders import ego, episode, infraction
 from tests.service.harness import assert_problem
 from tests.service.shop import Shop
@@ -98,6 +99,17 @@ def test_only_runs_that_the_reader_may_see_count(private_shop: Shop) -> None:
         document = matrix(private_shop, **private_shop.token(owner, role))
         assert (document["runs"], len(document["agents"]), len(document["cells"])) == (runs, 2 * runs, 2 * runs)
     assert private_shop.client.get("/v1/benchmarks/made/cross-play").status_code == 401
+
+
+def test_many_runs_of_one_owner_leave_room_for_those_of_others(shop: Shop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(routes, "MOST_RUNS", 3)
+    make = {"benchmark": together(shop), "ranked": False}
+    a, b = shop.submission("a"), shop.submission("b")
+    shop.evaluation(a, [drives(10, 20, 60)], egos=others(west=b), **make)
+    x, y = (shop.submission(name, owner="bob") for name in "xy")
+    for seed in range(1, 5):
+        shop.evaluation(x, [drives(90, 90, 90, seed=seed)], egos=others(west=y), owner="bob", **make)
+    assert ("a", "b") in cells(matrix(shop))
 
 
 def test_a_benchmark_without_cross_play_says_so(shop: Shop) -> None:

@@ -55,3 +55,23 @@ def test_the_process_is_asked_for_scenes_only_while_somebody_watches() -> None:
         await again.aclose()
 
     asyncio.run(watch())
+
+
+def test_a_spectator_whose_token_is_no_longer_valid_sees_no_more() -> None:
+    watched: list[bool] = []
+    audience = Audience(watched.append, most=2)
+
+    async def watch() -> None:
+        revoked, kept = audience.events("t-1"), audience.events("t-2")
+        for events in (revoked, kept):
+            await anext(events)
+        assert audience.token_ids == {"t-1", "t-2"}
+        audience.dismiss("t-1")
+        audience.tell("scene", b"1")
+        assert [event async for event in revoked] == []
+        assert await anext(kept) == b"event: scene\ndata: 1\n\n"
+        audience.dismiss("t-2")
+        assert [event async for event in kept] == []
+        assert (audience.watching, watched) == (0, [True, False])
+
+    asyncio.run(watch())
