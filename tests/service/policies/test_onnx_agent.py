@@ -14,10 +14,12 @@ import pytest
 from dohyo.evaluation.agent import AgentSpec, agent_info, make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import run_episode
-from dohyo.evaluation.families import PARKING_CONTROL
+from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL, PLANNING_CONTROL
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.confinement.errors import ConfinementError
+from dohyo.service.forecasting.interface import SENSORS as FORECASTING_SENSORS
+from dohyo.service.freeway.planner import STATE
 from dohyo.service.parking.interface import SENSORS as PARKING_SENSORS
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.service.policies.checks import PolicyRefusedError
@@ -155,8 +157,8 @@ def test_a_file_of_ones_own_is_checked() -> None:
 def test_the_published_document_covers_every_sensor_and_control_in_plain_json() -> None:
     document = published_spec()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
-    assert set(document["sensors"]) == {*ALL_SENSORS, *PARKING_SENSORS}
-    assert set(document["controls"]) == {*CONTROLS, PARKING_CONTROL}
+    assert set(document["sensors"]) == {*ALL_SENSORS, *PARKING_SENSORS, *FORECASTING_SENSORS, STATE}
+    assert set(document["controls"]) == {*CONTROLS, PARKING_CONTROL, FORECASTING_CONTROL, PLANNING_CONTROL}
     assert all(entry["description"] and entry["shape"] for entry in document["sensors"].values())
     speedometer = document["sensors"]["speedometer"]
     assert (speedometer["shape"], speedometer["low"], speedometer["high"]) == ([2], [0.0, -1.0], [100.0, 1.0])

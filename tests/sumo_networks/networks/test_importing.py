@@ -155,7 +155,7 @@ def test_a_killed_import_leaves_nothing(tmp_path: Path, osm: Path, home: Path) -
     temporary.mkdir()
     code = "import sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from dohyo.service.cli import main; main()"
     process = Python(code, str(temporary), "networks", "import", str(osm), "--name", "killed")
-    process.wait_for(lambda: any(temporary.glob("dohyo-import-*")))
+    process.wait_for(lambda: any(temporary.glob("dohyo-import-*/*")))
     assert process.end(signal.SIGTERM) == 130
     assert list(temporary.iterdir()) == []
     assert written(home) == []
