@@ -82,7 +82,9 @@ COMMANDS: dict[str, Command | Group] = {
     "evaluations": Group(
         "Evaluations at a service.",
         {
-            "start": Command("remote:start", "Queues an evaluation: a practice run, which may be mixed, or a ranked one."),
+            "start": Command(
+                "remote:start", "Queues an evaluation: a practice run, which may be mixed, or a ranked one."
+            ),
             "list": Command("remote:show_all", "Lists evaluations, the newest first."),
             "watch": Command(
                 "remote:watch",
