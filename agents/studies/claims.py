@@ -13,7 +13,7 @@ training, such as rules, experts and planners, need none.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_pairs, p_value
@@ -36,6 +36,7 @@ class Claim:
         measure: Measure of the rows.
         where: Benchmark, task or data set; empty for all rows.
         told: Wording in tables; empty: the names of the arms.
+        ablation: Number of the theses' comparison that it decides, see `ablations`; 0: it is ours.
     """
 
     left: str
@@ -44,10 +45,16 @@ class Claim:
     measure: str
     where: str = ""
     told: str = ""
+    ablation: int = 0
 
     def __str__(self) -> str:
         """Wording in tables."""
         return self.told or f"{self.left} {self.relation} {self.right}"
+
+
+def of_ablation(number: int, *claims: Claim) -> tuple[Claim, ...]:
+    """Claims that decide a comparison of the theses, see `Claim.ablation`."""
+    return tuple(replace(claim, ablation=number) for claim in claims)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.claims import Judgement
 from dohyo.agents.studies.rows import Row, read_rows
 from dohyo.agents.studies.runner import Job, Progress, run
 from dohyo.evaluation.entry import load_entry
@@ -72,6 +73,7 @@ class Study(Generic[O]):
         read: Reads the results of a folder.
         facts: Facts of a run beside its options; called at its end.
         figures: Draws the figures into a folder, and returns their paths; None without figures.
+        judged: Judges the claims on the stored results; those whose arms have no rows are left out.
     """
 
     summary: str
@@ -88,6 +90,7 @@ class Study(Generic[O]):
     read: Callable[[Path], Results] = lambda folder: read_results(folder)
     facts: Callable[[O], Mapping[str, Any]] = lambda options: {}
     figures: Callable[[Results, Path], Sequence[Path]] | None = field(default=None)
+    judged: Callable[[Results], Sequence[Judgement]] = lambda results: ()
 
     def run(
         self,

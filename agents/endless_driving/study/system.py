@@ -10,12 +10,13 @@ import csv
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import measures
-from dohyo.agents.endless_driving.study.tables import Claims, tables_of
+from dohyo.agents.endless_driving.study.tables import Claims, judged, tables_of
 from dohyo.agents.learning.runs.trainer import Trainer, train_to_the_end
 from dohyo.agents.registry import resolve
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
@@ -102,6 +103,7 @@ class System:
             tables=tables_of(self.arms, claims),
             together=_together,
             fresh=True,
+            judged=partial(judged, claims),
         )
 
 

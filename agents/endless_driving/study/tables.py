@@ -11,7 +11,7 @@ import numpy as np
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import EDGES_M
-from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
 from dohyo.agents.studies.rows import Row, arms_in, infractions_per_km, is_lost, matched
 from dohyo.agents.studies.study import Results
@@ -79,20 +79,25 @@ def success_table(arms: Arms, results: Results) -> str:
     return markdown(titles, lines) if lines else ""
 
 
-def claims_section(claims: Claims, results: Results) -> str:
-    """Verdicts on the thesis's order of the arms."""
+def judged(claims: Claims, results: Results) -> list[Judgement]:
+    """The thesis's order of the arms, on trainings or on drives of the unseen town."""
 
     def values(claim: Claim, arm: str) -> Matched:
         if claim.where == TRAINING:
             return matched((row for row in results.rows if row["benchmark"] == TRAINING), arm, claim.measure)
         return matched(of_traffic(driven(results), claim.where), arm, claim.measure)
 
+    return judge(claims, values)
+
+
+def claims_section(claims: Claims, results: Results) -> str:
+    """Verdicts on the thesis's order of the arms."""
     before = {
         "claim": lambda one: str(one.claim),
         "where": lambda one: one.claim.where,
         "measure": lambda one: one.claim.measure,
     }
-    return claims_table(judge(claims, values), before, lambda one: fixed(one.difference))
+    return claims_table(judged(claims, results), before, lambda one: fixed(one.difference))
 
 
 def infractions_table(arms: Arms, results: Results) -> str:

@@ -23,7 +23,7 @@ from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.registry import SIMPLE
 from dohyo.agents.forecasting.study.lab import Lab, Variant
 from dohyo.agents.forecasting.study.latency import of_network
-from dohyo.agents.forecasting.study.tables import TABLES
+from dohyo.agents.forecasting.study.tables import TABLES, judged
 from dohyo.agents.studies.arms import Arm, Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
@@ -125,6 +125,7 @@ STUDY = Study(
     cells=cells,
     work=work,
     tables=TABLES,
+    judged=judged,
     together=lambda cell: (cell.arm, cell.training_seed),
     facts=facts,
 )

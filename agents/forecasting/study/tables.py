@@ -10,7 +10,7 @@ import numpy as np
 
 from dohyo.agents.forecasting.data.windows import HORIZON
 from dohyo.agents.forecasting.registry import SIMPLE
-from dohyo.agents.studies.claims import Claim, Judgement, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
 from dohyo.agents.studies.crossed_bootstrap import Matched, dense_estimate
 from dohyo.agents.studies.rows import matched
 from dohyo.agents.studies.study import Results
@@ -136,8 +136,15 @@ def intervals(results: Results) -> str:
     return markdown(["intervals meant to hold 90 %", "row", "hold, %", "width, km/h"], rows)
 
 
-def claims(results: Results) -> str:
+def judged(results: Results) -> list[Judgement]:
     """Claims of the thesis, and ours: the smaller error is on the left."""
+    return judge(
+        list(directions()), lambda claim, arm: values(results, arm, claim.where, claim.measure), dense_estimate
+    )
+
+
+def claims(results: Results) -> str:
+    """Verdict on each claim."""
 
     def shown(one: Judgement) -> str:
         right = _mean(results, one.claim.right, one.claim.where, one.claim.measure)
@@ -146,19 +153,28 @@ def claims(results: Results) -> str:
         relative = 100.0 * (found.mean or 0.0) / right
         return f"{mean} [{low}, {high}] ({relative:+.0f} %, {n} seed{'s' * (n > 1)})"
 
-    judged = judge(
-        list(directions()), lambda claim, arm: values(results, arm, claim.where, claim.measure), dense_estimate
-    )
-    return claims_table(
-        judged, {"claim": lambda one: str(one.claim), "set": lambda one: one.claim.where.capitalize()}, shown
-    )
+    before = {"claim": lambda one: str(one.claim), "set": lambda one: one.claim.where.capitalize()}
+    return claims_table(judged(results), before, shown)
 
 
 def directions() -> Iterator[Claim]:
-    """The claims."""
+    """The claims: architectures, the loss, ways to forecast further, and ours."""
+    yield from of_ablation(10, *_architectures())
+    yield from of_ablation(11, *_losses())
+    yield from of_ablation(12, *_ways())
+    ours = f"{WAYS['n-step'][0]}-balanced"
+    for kind in SETS:
+        for other, arm in (("persistence", "persistence"), ("linear", "linear"), ("TSMixer", "tsmixer-mse")):
+            yield Claim(ours, "<", arm, "mse_3", kind, f"ours, not the thesis's: n-step < {other} at t+3, balanced")
+
+
+def _architectures() -> Iterator[Claim]:
     for name in ("lstm", "convlstm", "sa-convlstm", "transformer"):
         yield Claim("sa-lstm-mse", "<", f"{name}-mse", "mse_1", "hard", f"SA-LSTM < {NAMES[name]}")
     yield Claim("sa-lstm-mse", "=", "lstm-mse", "mse_1", "easy", "SA-LSTM = LSTM")
+
+
+def _losses() -> Iterator[Claim]:
     for name, label in NAMES.items():
         yield Claim(f"{name}-lap3", "<", f"{name}-mse", "mse_1", "hard", f"Lap3 < MSE alone, {label}")
     for kind in ("hard", "easy"):
@@ -166,6 +182,9 @@ def directions() -> Iterator[Claim]:
         yield Claim("sa-lstm-lap3-long", "<", "sa-lstm-mse-long", "mse_1", kind, told)
     for depth in (0, 1, 2, 4):
         yield Claim("sa-lstm-lap3", "<", f"sa-lstm-lap{depth}", "mse_1", "hard", f"depth 3 < depth {depth}")
+
+
+def _ways() -> Iterator[Claim]:
     for told, suffix in (("", ""), (", balanced", "-balanced")):
         n_step, recursive, at_once = (f"{WAYS[way][0]}{suffix}" for way in ("n-step", "recursive", "all-at-once"))
         for kind in SETS:
@@ -175,10 +194,6 @@ def directions() -> Iterator[Claim]:
             yield Claim(at_once, "<", n_step, "mse_3", kind, f"all-at-once <= n-step at t+3{told}")
         yield Claim(n_step, "<", recursive, "mse_2", "hard", f"n-step < recursive at t+2{told}")
         yield Claim(n_step, "<", at_once, "mse_2", "hard", f"n-step < all-at-once at t+2{told}")
-    ours = f"{WAYS['n-step'][0]}-balanced"
-    for kind in SETS:
-        for other, arm in (("persistence", "persistence"), ("linear", "linear"), ("TSMixer", "tsmixer-mse")):
-            yield Claim(ours, "<", arm, "mse_3", kind, f"ours, not the thesis's: n-step < {other} at t+3, balanced")
 
 
 def _mean(results: Results, arm: str, kind: str, measure: str) -> float:

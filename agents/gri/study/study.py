@@ -18,9 +18,10 @@ from typing import Final
 
 import torch
 
+from dohyo.agents.gri.study import tables
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, GriArm, expert_config
 from dohyo.agents.gri.study.judging import JUDGED, judged
-from dohyo.agents.gri.study.tables import CURVE, LAST, claims, curves, expert_of, shares
+from dohyo.agents.gri.study.tables import CURVE, LAST, expert_of
 from dohyo.agents.gri.training import GRI, GriRunConfig, record, task_of
 from dohyo.agents.learning.experience.demonstrations import INDEX
 from dohyo.agents.learning.gymnasium.task import GYMNASIUM
@@ -134,7 +135,8 @@ STUDY = Study(
     options=Options,
     cells=cells,
     work=work,
-    tables={"shares": shares, "curves": curves, "claims": claims},
+    tables={"shares": tables.shares, "curves": tables.curves, "claims": tables.claims},
     together=_together,
     prepare=prepare,
+    judged=tables.judged,
 )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS
-from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
 from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
 from dohyo.agents.studies.study import Results
@@ -33,12 +33,14 @@ def _claims(problem: str, alone: str) -> list[Claim]:
         alone: Arm without demonstrations.
     """
     base, last, early = alone.removesuffix("p0"), f"{problem}, {LAST}", f"{problem}, {EARLY}"
-    found = [Claim(f"{base}p{share}", ">", alone, "return", last) for share in (10, 20)]
-    found += [Claim(f"{base}p60", "<", f"{base}p20", "return", last), Claim(f"{base}p100", "<", alone, "return", last)]
-    found += [Claim(f"{base}p{share}", "<", alone, "return", early) for share in (20, 40, 60)]
-    found += [Claim(f"{base}noise{share}", "=", f"{base}p20", "return", last) for share in (10, 30)]
-    found += [Claim(f"{base}p25", ">", other, "completed", last) for other in (alone, f"{alone}-long")]
-    return [*found, Claim(f"{base}sqil", "<", f"{base}p25", "completed", last)]
+    share = {"sac": 1, "ddpg": 2}.get(ARMS[alone].algorithm, 4)
+    found = [Claim(f"{base}p{some}", ">", alone, "return", last, ablation=share) for some in (10, 20)]
+    found += [Claim(f"{base}p60", "<", f"{base}p20", "return", last, ablation=share)]
+    found += [Claim(f"{base}p100", "<", alone, "return", last, ablation=share)]
+    found += [Claim(f"{base}p{some}", "<", alone, "return", early, ablation=share) for some in (20, 40, 60)]
+    found += [Claim(f"{base}noise{some}", "=", f"{base}p20", "return", last, ablation=3) for some in (10, 30)]
+    found += [Claim(f"{base}p25", ">", other, "completed", last, ablation=4) for other in (alone, f"{alone}-long")]
+    return [*found, Claim(f"{base}sqil", "<", f"{base}p25", "completed", last, ablation=4)]
 
 
 CLAIMS: Final = tuple(
@@ -96,16 +98,20 @@ def curves(results: Results) -> str:
     return "\n\n".join(parts)
 
 
-def claims(results: Results) -> str:
-    """Verdict on each direction of the thesis: on the last policies' episodes, or on the evaluations of the warm-up."""
+def judged(results: Results) -> list[Judgement]:
+    """Each direction of the thesis: on the last policies' episodes, or on the evaluations of the warm-up."""
     rows = [row for row in results.rows if not is_lost(row)]
 
     def values(claim: Claim, arm: str) -> Matched:
         return matched(_where(rows, claim.where), arm, claim.measure)
 
-    judged = judge(CLAIMS, values)
+    return judge(CLAIMS, values)
+
+
+def claims(results: Results) -> str:
+    """Verdict on each direction of the thesis."""
     return claims_table(
-        judged,
+        judged(results),
         {
             "claim": lambda one: str(one.claim),
             "on": lambda one: one.claim.where,

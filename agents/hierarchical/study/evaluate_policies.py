@@ -22,7 +22,7 @@ from dohyo.agents.hierarchical.training.tasks import ManoeuvreTask
 from dohyo.agents.learning.runs.evaluation import Acting, evaluate
 from dohyo.agents.learning.tasks.task import SINGLE, Array
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
-from dohyo.agents.studies.claims import Claim, Relation, judge
+from dohyo.agents.studies.claims import Claim, Judgement, Relation, judge
 from dohyo.agents.studies.crossed_bootstrap import by_training, estimate
 from dohyo.agents.studies.rows import Row, arms_in, matched
 from dohyo.agents.studies.runner import Job
@@ -41,10 +41,10 @@ MEASURES: Final[Mapping[str, tuple[str, Relation]]] = {
 }  # fmt: skip
 """Heads, and what a better arm has."""
 PAIRS: Final = (
-    ("p-5", "hrl"), ("p-10", "hrl"), ("p-20", "hrl"), ("p-20", "p-5"), ("p-10", "p-10-sum"), ("ghrl", "p-10"),
-    ("ghrl", "ghrl-pictures"),
+    ("p-5", "hrl", 27), ("p-10", "hrl", 27), ("p-20", "hrl", 27), ("p-20", "p-5", 27), ("p-10", "p-10-sum", 28),
+    ("ghrl", "p-10", 0), ("ghrl", "ghrl-pictures", 0),
 )  # fmt: skip
-"""Claims: the first arm is better; the first five are the thesis's."""
+"""Claims: the first arm is better; with the theses' comparison that each decides."""
 
 
 class Options(Config):
@@ -130,15 +130,6 @@ def tables(results: Results) -> str:
         for policy, rows in by_policy.items()
         for arm in arms_in(rows, [*ARMS])
     ]
-    judged = judge(
-        [
-            Claim(left, relation, right, measure, policy)
-            for policy in SUB_POLICIES
-            for left, right in PAIRS
-            for measure, (_, relation) in MEASURES.items()
-        ],
-        lambda claim, arm: matched(by_policy[claim.where], arm, claim.measure),
-    )
     before = {
         "policy": lambda one: one.claim.where,
         "claim": lambda one: str(one.claim),
@@ -146,7 +137,22 @@ def tables(results: Results) -> str:
         "each training": each_training,
     }
     heads = ["policy", "arm", "trainings", *(head for head, _ in MEASURES.values())]
-    return "\n\n".join(part for part in (markdown(heads, means), claims_table(judged, before)) if part)
+    return "\n\n".join(part for part in (markdown(heads, means), claims_table(judged(results), before)) if part)
+
+
+def judged(results: Results) -> list[Judgement]:
+    """Each claim for each sub-policy and measure."""
+    return judge(
+        [
+            Claim(left, relation, right, measure, policy, ablation=number)
+            for policy in SUB_POLICIES
+            for left, right, number in PAIRS
+            for measure, (_, relation) in MEASURES.items()
+        ],
+        lambda claim, arm: matched(
+            [row for row in results.rows if row["benchmark"] == claim.where], arm, claim.measure
+        ),
+    )
 
 
 def _means(rows: list[Row], arm: str) -> list[str]:
@@ -162,4 +168,5 @@ STUDY = Study(
     work=work,
     tables={"held-out": tables},
     together=lambda cell: (cell.arm, cell.training_seed, cell.benchmark),
+    judged=judged,
 )

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from dohyo.agents.hierarchical.study.driving import drive
-from dohyo.agents.hierarchical.study.tables import arms_section, unseen_section
+from dohyo.agents.hierarchical.study.tables import arms_section, judged, rows_of, unseen_section
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
@@ -88,6 +88,8 @@ def _agent(name: str, training_seed: int | None, runs: Path) -> Agent:
     return arm.make() if arm.trained is None else arm.make(checkpoint=str(runs / arm.trained / f"seed-{training_seed}"))
 
 
+MAIN = ("rules", "hrl", "ghrl", "ghrl-r", "ghrl-s")
+"""Arms of the first section, whose claims are corrected together."""
 STUDY = Study(
     summary="GHRL's arms on precrash, obstacles, nocrash and endurance",
     stored=Path(__file__).parents[1].joinpath("results") / "drives",
@@ -96,8 +98,9 @@ STUDY = Study(
     cells=cells,
     work=work,
     tables={
-        "benchmarks": arms_section("rules", "hrl", "ghrl", "ghrl-r", "ghrl-s"),
+        "benchmarks": arms_section(*MAIN),
         "other-arms": arms_section("ghrl", "ghrl-r-trained", "flat", "flat-guided", "ghrl-pictures", "ghrl-r-pictures"),
         "unseen-traffic": unseen_section,
     },
+    judged=lambda results: judged(rows_of(results, MAIN)),
 )

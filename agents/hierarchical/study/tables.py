@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate
 from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
 from dohyo.agents.studies.study import Results
@@ -30,9 +30,14 @@ def arms_section(*arms: str) -> Callable[[Results], str]:
     """Section with all four tables of some arms, in the order of the columns; those without drives are left out."""
 
     def section(results: Results) -> str:
-        return tables([row for row in results.rows if row["arm"] in arms and row["seed"] == 0], arms)
+        return tables(rows_of(results, arms), arms)
 
     return section
+
+
+def rows_of(results: Results, arms: Sequence[str]) -> list[Row]:
+    """Rows of some arms, of the benchmarks' own seed."""
+    return [row for row in results.rows if row["arm"] in arms and row["seed"] == 0]
 
 
 def unseen_section(results: Results) -> str:
@@ -106,20 +111,28 @@ def rules_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     return markdown(heads, lines) if lines else ""
 
 
-def claim_table(rows: Sequence[Row]) -> str:
-    """A row per claim, over all benchmarks and for each; empty without any."""
+def judged(rows: Sequence[Row]) -> list[Judgement]:
+    """Each claim, over all benchmarks and for each."""
     benchmarks = named(rows, "benchmark")
     wheres = ["", *benchmarks] if len(benchmarks) > 1 else benchmarks
-    judged = judge(
-        [Claim(left, ">", right, "success", where) for left, right in PAIRS for where in wheres],
+    return judge(
+        [
+            Claim(left, ">", right, "success", where, ablation=26 if (left, right) in PAIRS[:3] else 0)
+            for left, right in PAIRS
+            for where in wheres
+        ],
         lambda claim, arm: percent([row for row in rows if claim.where in ("", row["benchmark"])], arm, claim.measure),
     )
+
+
+def claim_table(rows: Sequence[Row]) -> str:
+    """A row per claim; empty without any."""
     before = {
         "claim: more successes, points": lambda one: str(one.claim),
         "benchmark": lambda one: one.claim.where or "all",
         "each training": each_training,
     }
-    return claims_table(judged, before)
+    return claims_table(judged(rows), before)
 
 
 def percent(rows: Iterable[Row], arm: str, measure: str) -> Matched:

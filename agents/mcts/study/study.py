@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from dohyo.agents.mcts.study.measures import of_excerpt, of_route
-from dohyo.agents.mcts.study.tables import section
+from dohyo.agents.mcts.study.tables import judged, section
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
@@ -141,4 +141,5 @@ STUDY = Study(
     work=work,
     tables={name: section(sample, {arm: ARMS[arm] for arm in arms}) for name, (sample, arms) in DRIVEN.items()},
     prepare=prepare,
+    judged=judged,
 )

@@ -8,7 +8,7 @@ from typing import Final
 from dohyo.agents.mcts.study.losses import CAUSES
 from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES
 from dohyo.agents.studies.arms import Arm
-from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
 from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched
 from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results
@@ -16,47 +16,61 @@ from dohyo.agents.studies.tables import claims_table, fixed
 from dohyo.evaluation.report.style import markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 
+
+def _higher(left: str, right: str, measure: str = "score") -> Claim:
+    return Claim(left, ">", right, measure)
+
+
 CLAIMS: Final = (
-    ("prior-learned", "prior-none", "score"),
-    ("prior-crafted", "prior-learned", "score"),
-    ("mbappe", "prior-crafted", "score"),
-    ("mbappe", "prior-none", "score"),
-    ("prior-learned", "prior-none", "collisions"),
-    ("constraints-tree", "constraints-none", "score"),
-    ("constraints-node", "constraints-none", "score"),
-    ("mbappe", "constraints-none", "score"),
-    ("mbappe", "constraints-tree", "score"),
-    ("mbappe", "constraints-node", "score"),
-    ("predictor-idm", "predictor-constant_velocity", "score"),
-    ("mbappe", "predictor-idm", "score"),
-    ("mbappe", "predictor-constant_velocity", "score"),
-    ("mbappe", "alone-learned", "score"),
-    ("predictor-idm", "alone-idm", "score"),
-    ("predictor-constant_velocity", "alone-constant_velocity", "score"),
-    ("mbappe", "hold-0.1s", "score"),
-    ("mbappe", "random-shooting", "score"),
-    ("mbappe", "idm", "score"),
-    ("mbappe", "choice-q", "score"),
-    ("mbappe", "choice-visits", "score"),
-    ("mbappe", "thesis-crafted", "score"),
-    ("mbappe", "thesis-wheel", "score"),
-    ("thesis", "thesis-prior-none", "score"),
-    ("mbappe", "thesis", "score"),
-    ("mbappe", "no-reuse", "score"),
-    ("learned-everywhere", "mbappe", "score"),
-    ("value-network", "mbappe", "score"),
-    ("mbappe", "autopilot", "score"),
-    ("pdm-closed", "idm", "score"),
-    ("pdm-closed", "mbappe", "score"),
-    ("pdm-closed", "pdm-published", "score"),
+    *of_ablation(
+        6,
+        _higher("prior-learned", "prior-none"),
+        _higher("prior-crafted", "prior-learned"),
+        _higher("mbappe", "prior-crafted"),
+        _higher("mbappe", "prior-none"),
+        _higher("prior-learned", "prior-none", "collisions"),
+        _higher("thesis", "thesis-prior-none"),
+    ),
+    *of_ablation(
+        7,
+        _higher("constraints-tree", "constraints-none"),
+        _higher("constraints-node", "constraints-none"),
+        _higher("mbappe", "constraints-none"),
+        _higher("mbappe", "constraints-tree"),
+        _higher("mbappe", "constraints-node"),
+    ),
+    *of_ablation(
+        8,
+        _higher("predictor-idm", "predictor-constant_velocity"),
+        _higher("mbappe", "predictor-idm"),
+        _higher("mbappe", "predictor-constant_velocity"),
+        _higher("mbappe", "alone-learned"),
+        _higher("predictor-idm", "alone-idm"),
+        _higher("predictor-constant_velocity", "alone-constant_velocity"),
+    ),
+    *of_ablation(9, _higher("mbappe", "hold-0.1s")),
+    _higher("mbappe", "random-shooting"),
+    _higher("mbappe", "idm"),
+    _higher("mbappe", "choice-q"),
+    _higher("mbappe", "choice-visits"),
+    _higher("mbappe", "thesis-crafted"),
+    _higher("mbappe", "thesis-wheel"),
+    _higher("mbappe", "thesis"),
+    _higher("mbappe", "no-reuse"),
+    _higher("learned-everywhere", "mbappe"),
+    _higher("value-network", "mbappe"),
+    _higher("mbappe", "autopilot"),
+    _higher("pdm-closed", "idm"),
+    _higher("pdm-closed", "mbappe"),
+    _higher("pdm-closed", "pdm-published"),
 )
-"""Claims on excerpts: arm with the higher measure, arm with the lower one, measure."""
+"""Claims on excerpts."""
 ROUTE_CLAIMS: Final = (
-    ("mbappe", "autopilot", "nocrash_success"),
-    ("mbappe", "autopilot", "driving_score"),
-    ("pdm-closed", "autopilot", "nocrash_success"),
-    ("pdm-closed", "autopilot", "driving_score"),
-    ("mbappe", "pdm-closed", "driving_score"),
+    _higher("mbappe", "autopilot", "nocrash_success"),
+    _higher("mbappe", "autopilot", "driving_score"),
+    _higher("pdm-closed", "autopilot", "nocrash_success"),
+    _higher("pdm-closed", "autopilot", "driving_score"),
+    _higher("mbappe", "pdm-closed", "driving_score"),
 )
 """Claims on whole routes."""
 PLANNERS: Final = ("autopilot", "mbappe", "pdm-closed")
@@ -104,18 +118,21 @@ def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[st
     return markdown(["arm", *columns.values(), *(["thesis"] if reported else []), "n"], lines)
 
 
-def claim_table(rows: Sequence[Row], columns: Mapping[str, str], claims: Sequence[tuple[str, str, str]]) -> str:
+def judged(results: Results) -> list[Judgement]:
+    """The claims on excerpts of recorded traffic."""
+    rows = [row for row in results.rows if row["benchmark"] == "val14"]
+    return judge(CLAIMS, lambda claim, arm: matched(rows, arm, claim.measure))
+
+
+def claim_table(rows: Sequence[Row], columns: Mapping[str, str], claims: Sequence[Claim]) -> str:
     """A row per claim whose arms drove the same scenarios."""
-    judged = judge(
-        [Claim(left, ">", right, measure) for left, right, measure in claims],
-        lambda claim, arm: matched(rows, arm, claim.measure),
-    )
+    found = judge(claims, lambda claim, arm: matched(rows, arm, claim.measure))
     before = {
         "claim": lambda one: str(one.claim),
         "metric": lambda one: columns[one.claim.measure],
         "n": lambda one: str(one.difference.n),
     }
-    return claims_table(judged, before, lambda one: fixed(one.difference))
+    return claims_table(found, before, lambda one: fixed(one.difference))
 
 
 def causes_table(rows: Sequence[Row]) -> str:

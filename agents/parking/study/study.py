@@ -17,9 +17,9 @@ from typing import Final
 
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.learning.runs.trainer import train_to_the_end
+from dohyo.agents.parking.study import tables
 from dohyo.agents.parking.study.arms import ARMS, EXPERT
 from dohyo.agents.parking.study.judging import judged
-from dohyo.agents.parking.study.tables import arms_table, claims
 from dohyo.agents.parking.training.dppo_il import PARKING
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
@@ -99,7 +99,8 @@ STUDY = Study(
     options=Options,
     cells=cells,
     work=work,
-    tables={"arms": arms_table, "claims": claims},
+    tables={"arms": tables.arms_table, "claims": tables.claims},
     together=_together,
     fresh=True,
+    judged=tables.judged,
 )

@@ -7,7 +7,7 @@ from typing import Final
 
 from dohyo.agents.parking.study.arms import ARMS, REACHED
 from dohyo.agents.parking.study.judging import LOTS
-from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
 from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
 from dohyo.agents.studies.study import Results
@@ -23,18 +23,30 @@ SHOWN: Final = {
     "time_s": "time, s",
 }
 CLAIMS: Final = (
-    Claim("simple-ppo", ">", "simple-sac", "success", REACHED),
-    Claim("simple-poca", ">", "simple-sac", "success", REACHED),
-    Claim("dppo", ">", "ppo", "success", "parking-complex"),
-    Claim("dppo-gail", ">", "dppo", "success", "parking-complex"),
-    Claim("dppo-il", ">", "dppo-gail", "success", "parking-complex"),
-    Claim("three-curriculum", ">", "three", "success", "parking-three"),
-    Claim("three-curriculum", ">", "three", "aligned", "parking-three"),
-    Claim("three-curriculum-long", ">", "three-long", "success", "parking-three"),
-    Claim("three-curriculum-long", ">", "three-long", "aligned", "parking-three"),
+    *of_ablation(
+        22,
+        Claim("simple-ppo", ">", "simple-sac", "success", REACHED),
+        Claim("simple-poca", ">", "simple-sac", "success", REACHED),
+    ),
+    *of_ablation(
+        23,
+        Claim("dppo", ">", "ppo", "success", "parking-complex"),
+        Claim("dppo-gail", ">", "dppo", "success", "parking-complex"),
+        Claim("dppo-il", ">", "dppo-gail", "success", "parking-complex"),
+    ),
+    *of_ablation(
+        24,
+        Claim("three-curriculum", ">", "three", "success", "parking-three"),
+        Claim("three-curriculum", ">", "three", "aligned", "parking-three"),
+        Claim("three-curriculum-long", ">", "three-long", "success", "parking-three"),
+        Claim("three-curriculum-long", ">", "three-long", "aligned", "parking-three"),
+    ),
+    *of_ablation(
+        25,
+        Claim("dppo-il", ">", "without-alignment", "aligned", "parking-complex"),
+        Claim("dppo-il", ">", "without-dwell", "aligned", "parking-complex"),
+    ),
     Claim("graded-long", ">", "graded", "aligned", "parking-complex"),
-    Claim("dppo-il", ">", "without-alignment", "aligned", "parking-complex"),
-    Claim("dppo-il", ">", "without-dwell", "aligned", "parking-complex"),
     Claim("graded", ">", "dppo-il", "aligned", "parking-complex"),
 )
 """Directions of the thesis's results."""
@@ -55,15 +67,20 @@ def arms_table(results: Results) -> str:
     return markdown(heads, lines) if lines else ""
 
 
-def claims(results: Results) -> str:
-    """Verdict on each direction of the thesis, on the lots that both arms drove."""
+def judged(results: Results) -> list[Judgement]:
+    """Each direction of the thesis, on the lots that both arms drove."""
     rows = [row for row in results.rows if not is_lost(row)]
 
     def values(claim: Claim, arm: str) -> Matched:
         return _values([row for row in rows if row["benchmark"] == claim.where], arm, claim.measure)
 
-    judged = judge(CLAIMS, values)
-    return claims_table(judged, {"claim": lambda one: str(one.claim), "measure": lambda one: one.claim.measure})
+    return judge(CLAIMS, values)
+
+
+def claims(results: Results) -> str:
+    """Verdict on each direction."""
+    before = {"claim": lambda one: str(one.claim), "measure": lambda one: one.claim.measure}
+    return claims_table(judged(results), before)
 
 
 def _mean(rows: Sequence[Row], arm: str, measure: str) -> str:

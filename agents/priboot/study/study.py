@@ -19,7 +19,15 @@ from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.priboot.study.arms import ARMS, config
 from dohyo.agents.priboot.study.measures import measures
-from dohyo.agents.priboot.study.tables import LOSSES, STARTS, arms_table, claims, infractions_table, lengths_table
+from dohyo.agents.priboot.study.tables import (
+    LOSSES,
+    STARTS,
+    arms_table,
+    claims,
+    infractions_table,
+    judged,
+    lengths_table,
+)
 from dohyo.agents.priboot.training.train import PRIBOOT
 from dohyo.agents.registry import resolve_with
 from dohyo.agents.studies.arms import Block, Cell, cells_of
@@ -110,4 +118,5 @@ STUDY = Study(
     work=work,
     tables={"arms": arms_table, "claims": claims, "infractions": infractions_table, "lengths": lengths_table},
     facts=_sizes,
+    judged=judged,
 )

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from dohyo.agents.priboot.study.arms import ARMS
-from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge
 from dohyo.agents.studies.crossed_bootstrap import estimate
 from dohyo.agents.studies.rows import Row, arms_in, infractions_per_km, is_lost, matched, named
 from dohyo.agents.studies.study import Results
@@ -32,7 +32,7 @@ STARTS: Final[Mapping[str, str]] = {"starts": "starts, %", "false_starts": "fals
 """Shares of the standing moments of held-out drives at which the network starts, of those where the expert does and of
 the others."""
 CLAIMS: Final = tuple(
-    Claim("full", ">", arm, measure, where)
+    Claim("full", ">", arm, measure, where, ablation=19)
     for where in ("nocrash", "leaderboard")
     for arm, measure in (
         ("no-augmentation", "route_completion"),
@@ -68,21 +68,25 @@ def arms_table(results: Results) -> str:
     return markdown([*heads, "thesis: DS / IRS / RC"], lines) if lines else ""
 
 
-def claims(results: Results) -> str:
+def judged(results: Results) -> list[Judgement]:
     """What the thesis claims of its arms, judged on the scenarios that both drove."""
     rows = [row for row in results.rows if not is_lost(row)]
 
     def values(claim: Claim, arm: str) -> dict[tuple[object, ...], Mapping[int | None, float]]:
         return dict(matched([row for row in rows if row["benchmark"] == claim.where], arm, claim.measure))
 
-    judged = judge(CLAIMS, values)
+    return judge(CLAIMS, values)
+
+
+def claims(results: Results) -> str:
+    """Verdict on each claim of the thesis."""
     before = {
         "claim": lambda one: str(one.claim),
         "benchmark": lambda one: one.claim.where,
         "measure": lambda one: MEASURES[one.claim.measure],
         "n": lambda one: str(one.difference.n),
     }
-    return claims_table(judged, before, lambda one: fixed(one.difference))
+    return claims_table(judged(results), before, lambda one: fixed(one.difference))
 
 
 def infractions_table(results: Results) -> str:

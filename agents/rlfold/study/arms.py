@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm, Reported
-from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.claims import Claim, of_ablation
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 
 _ROOM: Final = Path(__file__).parents[1] / "configs"
@@ -54,11 +54,15 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
 _ORDER: Final = ("full", "share", "never", "one-deviation", "no-expert")
 """From the best to the worst in the thesis."""
 CLAIMS: Final = (
-    *(Claim(left, ">", right, "success", "regular") for left, right in pairwise(_ORDER)),
-    Claim("full", ">", "steering", "success", "regular"),
-    Claim("full", ">", "noisy", "success", "regular"),
-    *(Claim(f"twin-{left}", ">", f"twin-{right}", "return", TRAINING) for left, right in pairwise(_ORDER)),
-    Claim("twin-full", ">", "twin-far-sighted", "return", TRAINING),
-    *(Claim("empty-full", ">", f"empty-{name}", "success", "empty") for name in ("no-expert", "far-sighted")),
+    *of_ablation(
+        17,
+        *(Claim(left, ">", right, "success", "regular") for left, right in pairwise(_ORDER)),
+        *(Claim(f"twin-{left}", ">", f"twin-{right}", "return", TRAINING) for left, right in pairwise(_ORDER)),
+        Claim("twin-full", ">", "twin-far-sighted", "return", TRAINING),
+        *(Claim("empty-full", ">", f"empty-{name}", "success", "empty") for name in ("no-expert", "far-sighted")),
+    ),
+    *of_ablation(
+        18, Claim("full", ">", "steering", "success", "regular"), Claim("full", ">", "noisy", "success", "regular")
+    ),
 )
 """Directions of the thesis's results."""

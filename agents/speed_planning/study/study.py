@@ -88,31 +88,37 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     return drive_morning(options.morning, options.forecaster, job)
 
 
-def tables(results: Results) -> str:
-    """Every arm, every arm against none, and the effect of another forecast; all claims are judged together."""
-    rows, arms = results.rows, arms_in(results.rows, [*ARMS])
-    against_none = [(arm, "none") for arm in arms if arm != "none"]
-    better = [
-        (f"{design}+{forecast}", f"{design}+persistence")
-        for design in DESIGNS[1:]
-        for forecast in ("sa-lstm", "oracle", "none")
-    ]
-    judged = judge(
+AGAINST_NONE: Final = tuple((arm, "none") for arm in ARMS if arm != "none")
+BETTER_FORECAST: Final = tuple(
+    (f"{design}+{forecast}", f"{design}+persistence")
+    for design in DESIGNS[1:]
+    for forecast in ("sa-lstm", "oracle", "none")
+)
+
+
+def judged(results: Results) -> list[Judgement]:
+    """Every arm against none, and the effect of another forecast; all claims are judged together."""
+    return judge(
         [
-            Claim(arm, relation, other, metric)
-            for arm, other in (*against_none, *better)
+            Claim(arm, relation, other, metric, ablation=13)
+            for arm, other in (*AGAINST_NONE, *BETTER_FORECAST)
             for metric, relation in COMPARED.items()
         ],
-        lambda claim, arm: matched(rows, arm, claim.measure),
+        lambda claim, arm: matched(results.rows, arm, claim.measure),
     )
-    found = {(one.claim.left, one.claim.right, one.claim.measure): one for one in judged}
+
+
+def tables(results: Results) -> str:
+    """Every arm, every arm against none, and the effect of another forecast."""
+    rows, arms = results.rows, arms_in(results.rows, [*ARMS])
+    found = {(one.claim.left, one.claim.right, one.claim.measure): one for one in judged(results)}
     return "\n".join(
         (
             markdown(["arm", "n", *(head for head, _ in SHOWN.values())], [_means(rows, arm) for arm in arms]),
             "\nAgainst `none`, same seeds, %:\n",
-            _differences(rows, found, against_none),
+            _differences(rows, found, AGAINST_NONE),
             "\nAnother forecast against persistence, same seeds, %:\n",
-            _differences(rows, found, better),
+            _differences(rows, found, BETTER_FORECAST),
         )
     )
 
@@ -127,10 +133,10 @@ def _differences(
 ) -> str:
     lines = []
     for arm, other in pairs:
-        judged = [found.get((arm, other, metric)) for metric in COMPARED]
-        cells = [_percent(rows, one) for one in judged if one is not None]
-        if cells and judged[0] is not None:
-            lines.append([arm, other, str(judged[0].difference.n), *cells])
+        verdicts = [found.get((arm, other, metric)) for metric in COMPARED]
+        cells = [_percent(rows, one) for one in verdicts if one is not None]
+        if cells and verdicts[0] is not None:
+            lines.append([arm, other, str(verdicts[0].difference.n), *cells])
     return markdown(["arm", "against", "n", *(SHOWN[metric][0].partition(",")[0] for metric in COMPARED)], lines)
 
 
@@ -161,4 +167,5 @@ STUDY = Study(
     together=lambda cell: cell.seed,
     prepare=check,
     fresh=True,
+    judged=judged,
 )

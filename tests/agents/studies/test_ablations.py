@@ -1,0 +1,56 @@
+"""The page of the theses' ablations: every claim is on it, and it holds what stored rows give."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dohyo.agents.studies.ablations import Ablation, Decided, ablations, main, page
+from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
+from dohyo.agents.studies.study import STUDIES
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+def judged(*higher: float, trainings: int = 3) -> list[Judgement]:
+    """Claims "a > b" whose differences are given."""
+    seeds = range(trainings)
+
+    def values(claim: Claim, arm: str) -> dict[tuple[str], dict[int | None, float]]:
+        difference = float(claim.measure) if arm == "a" else 0.0
+        return {(f"m{i}",): dict.fromkeys(seeds, difference + i) for i in range(20)}
+
+    return judge(of_ablation(1, *(Claim("a", ">", "b", str(one)) for one in higher)), values)
+
+
+def decided(*higher: float, trainings: int = 3) -> Decided:
+    ablation = Ablation(number=1, thesis="A", system="S", asks="Which?", told="This.", study="gri", page="p.md")
+    return Decided(ablation, judged(*higher, trainings=trainings))
+
+
+def test_the_comparisons_have_consecutive_numbers_and_known_studies_and_pages() -> None:
+    found = ablations()
+    assert [one.number for one in found] == list(range(1, 30))
+    assert {one.study for one in found} - {""} <= set(STUDIES)
+    assert all((DOCS / one.page).exists() for one in found)
+
+
+def test_a_comparison_is_reproduced_only_if_all_of_its_claims_are() -> None:
+    assert decided(5.0, 7.0).verdict == "**reproduced**, 2 claims"
+    assert decided(5.0, -7.0).verdict == "1 reproduced, 1 contradicted"
+    assert decided(5.0, trainings=2).verdict == "**not resolved**"
+    assert decided().verdict == "not judged so far"
+
+
+def test_the_page_counts_the_claims_and_names_missing_trainings() -> None:
+    text = page([decided(5.0, -7.0), decided()])
+    assert "Of 2 claims that stored rows judge, 1 reproduced, 1 contradicted, 0 not resolved. 1 ablations" in text
+    assert "| a > b | 5.0 | 5.00 [5.00, 5.00] | < 0.001 | reproduced |" in text
+    assert "— (1 training) | not resolved |" in page([decided(5.0, trainings=1)])
+
+
+@pytest.mark.slow
+def test_the_published_page_is_what_the_stored_rows_give(tmp_path: Path) -> None:
+    main(["--out", str(tmp_path / "page.md")])
+    assert (tmp_path / "page.md").read_text() == (DOCS / "ablations.md").read_text()
