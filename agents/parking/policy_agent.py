@@ -11,7 +11,10 @@ from dohyo.evaluation.parking.agent import ParkingSpec
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.parking.observation import observation_space
 
-SHIPPED: Final = Path(__file__).with_name("checkpoints") / "parking.onnx"
+CHECKPOINTS: Final = Path(__file__).with_name("checkpoints")
+ONE, THREE = "one", "three"
+SHIPPED: Final = {ONE: CHECKPOINTS / "parking.onnx", THREE: CHECKPOINTS / "three.onnx"}
+"""Policies that come with dohyo, trained alone in a lot or beside two others."""
 
 
 class PolicyAgent:
@@ -22,17 +25,18 @@ class PolicyAgent:
         files: The policy, whose digest records state.
     """
 
-    def __init__(self, policy: Path = SHIPPED) -> None:
+    def __init__(self, policy: str | Path = ONE) -> None:
         """Reads the policy.
 
         Args:
-            policy: ONNX file of a training, such as its best.onnx.
+            policy: ONNX file of a training, such as its best.onnx; or "one" or "three", those that come with dohyo.
 
         Raises:
             InvalidInputError: The file is missing, or no policy of a kart's observation.
         """
-        self.spec, self.files = ParkingSpec(name="parking"), (Path(policy),)
-        self._policy = OnnxPolicy(Path(policy))
+        path = SHIPPED.get(str(policy), Path(policy))
+        self.spec, self.files = ParkingSpec(name="parking"), (path,)
+        self._policy = OnnxPolicy(path)
         self._policy.check(named(observation_space(self.spec.state)))
 
     def reset(self, seed: int) -> None:

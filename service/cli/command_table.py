@@ -61,6 +61,21 @@ COMMANDS: dict[str, Command | Group] = {
         "Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ.",
     ),
     "score": Command("records:score", "Recomputes every score from the raw events."),
+    "league": Group(
+        "The league of all systems on all benchmarks.",
+        {
+            "run": Command(
+                "league:run",
+                "Drives every entrant in every discipline. Run again, it continues where it stopped.",
+                resumes=True,
+            ),
+            "table": Command("league:table", "Makes the league's page from stored rows."),
+            "verify": Command(
+                "league:verify",
+                "Drives rows of the league again. Exit code 1 if the hash of a record differs.",
+            ),
+        },
+    ),
     "explain": Command(
         "explain:explain",
         "Explains an agent's decision at one moment of a record, as JSON or as a picture of the search.",

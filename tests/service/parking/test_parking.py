@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from dohyo.agents.parking.policy_agent import SHIPPED
+from dohyo.agents.parking.policy_agent import ONE, SHIPPED
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import evaluate_parking
@@ -109,11 +109,20 @@ def fetched_lots_are_verified(evaluation: str, service: Service, folder: Path) -
 def test_an_uploaded_policy_parks_as_the_file_does_locally(client: Client, service: Service, tmp_path: Path) -> None:
     client.ensure_agent("uploaded", "")
     spec = {"track": "sensors", "sensors": ["parking-oriented"], "control": "torque_steering_brake"}
-    made = client.submit_onnx("uploaded", SHIPPED, spec)
+    made = client.submit_onnx("uploaded", SHIPPED[ONE], spec)
     evaluation = client.evaluate("uploaded", "parking-complex", seeds=SEEDS)["id"]
     service.hashes(evaluation)
     out = tmp_path / "onnx"
-    order = ("--agent", "onnx", "--set", f"path={SHIPPED}", "--set", "name=uploaded", "--benchmark", "parking-complex")
+    order = (
+        "--agent",
+        "onnx",
+        "--set",
+        f"path={SHIPPED[ONE]}",
+        "--set",
+        "name=uploaded",
+        "--benchmark",
+        "parking-complex",
+    )
     done = command("evaluate", *order, "--seeds", ",".join(map(str, SEEDS)), "--workers", "1", "--out", str(out))
     assert done.exit_code == 0, done.exception
     here = [json.loads(line) for line in (out / "records.jsonl").read_text().splitlines()]

@@ -1,0 +1,89 @@
+"""`dohyo league`: runs the league, prints its page, drives rows again."""
+
+from __future__ import annotations
+
+import os
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dohyo.agents.league import league
+from dohyo.agents.league.edition import DOCUMENT, Discipline, Entrant, read_edition
+from dohyo.agents.league.evaluating import Progress
+from dohyo.agents.league.page import page
+from dohyo.agents.studies.rows import read_rows
+from dohyo.service.cli.output import console
+from dohyo.service.cli.progress import ProgressBar
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+DIFFERS = 1
+EditionFile = Annotated[Path, typer.Option("--edition", help="TOML file of disciplines and entrants.")]
+Rows = Annotated[Path | None, typer.Option(help="Folder of the rows; default: those that come with dohyo.")]
+
+
+def run(
+    disciplines: Annotated[str | None, typer.Option(help="Names, such as town,city; default: all.")] = None,
+    entrants: Annotated[str | None, typer.Option(help="Names, such as ghrl,mbappe; default: all.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the evaluations.")] = Path("out/league"),
+    rows: Annotated[Path | None, typer.Option(help="Folder of the rows; default: the same.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
+    edition: EditionFile = DOCUMENT,
+) -> None:
+    """Drives every entrant in every discipline. Run again, it continues where it stopped."""
+    names = [text.split(",") if text else [] for text in (disciplines, entrants)]
+    chosen = read_edition(edition)
+    count = len(league.chosen_of(chosen, *names))
+    done = 0
+
+    def tell(discipline: Discipline, entrant: Entrant) -> AbstractContextManager[Progress]:
+        nonlocal done
+        done += 1
+        console.print(f"{done} of {count}: {entrant.name} in {discipline.name}")
+        return ProgressBar(f"{entrant.name} in {discipline.name}")
+
+    league.run(chosen, out, *names, rows=rows, workers=workers or os.cpu_count() or 1, tell=tell)
+    console.print(f"rows: {rows or out}")
+
+
+def table(
+    rows: Rows = None,
+    out: Annotated[Path | None, typer.Option(help="File; default: print the page.")] = None,
+    edition: EditionFile = DOCUMENT,
+) -> None:
+    """Makes the league's page from stored rows."""
+    text = page(read_edition(edition), _stored(rows))
+    if out is None:
+        print(text)  # Markdown, for files and pipes
+    else:
+        write_atomically(out, text.encode())
+        console.print(f"page: {out}")
+
+
+def verify(
+    rows: Rows = None,
+    sample: Annotated[int, typer.Option(min=1, help="Rows of each entrant in each discipline.")] = 2,
+    seed: Annotated[int, typer.Option(help="Of the choice.")] = 0,
+    disciplines: Annotated[str | None, typer.Option(help="Names, such as town,city; default: all.")] = None,
+    edition: EditionFile = DOCUMENT,
+) -> None:
+    """Drives rows of the league again. Exit code 1 if the hash of a record differs."""
+    wanted = set(disciplines.split(",")) if disciplines else None
+    chosen = [row for row in _stored(rows) if wanted is None or row["benchmark"] in wanted]
+    same = True
+    for check in league.verify(read_edition(edition), chosen, sample, seed):
+        row = check.row
+        told = "same" if check.same else f"differs: {row['record_hash'][:12]} before, {check.record_hash[:12]} now"
+        console.print(f"{row['arm']} in {row['benchmark']}, {row['scenario']} s{row['seed']}: {told}")
+        same &= check.same
+    if not same:
+        raise typer.Exit(DIFFERS)
+
+
+def _stored(folder: Path | None) -> list[dict[str, object]]:
+    found = read_rows(folder or league.STORED)
+    if not found:
+        raise InvalidInputError(f"'{folder or league.STORED}': expected rows of the league, found none")
+    return found
