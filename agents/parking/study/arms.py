@@ -21,6 +21,7 @@ _GRADED: Final = (*WHOLE, "reward=graded")
 _THREE: Final = (*_GRADED, "karts=3", "environments=258", "lots=86")
 _LONG: Final = ("steps=6000000", "ppo.learning_rate_decay=0.995")
 """Three times the steps, over which the learning rate falls as far."""
+_LONGEST: Final = ("steps=12000000", "ppo.learning_rate_decay=0.9975")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,7 @@ ARMS: Final[Mapping[str, ParkingArm]] = MappingProxyType(
         "three": ParkingArm("three karts, graded", (THREE,), _THREE, 81.0),
         "three-curriculum": ParkingArm("three karts, graded, curriculum", (THREE,), (*_THREE, "gradual=true"), 90.0),
         "three-long": ParkingArm("three karts, 6 million steps", (THREE,), (*_THREE, *_LONG), 81.0),
+        "three-longest": ParkingArm("three karts, 12 million steps", (THREE,), (*_THREE, *_LONGEST), 81.0),
         "three-curriculum-long": ParkingArm(
             "three karts, curriculum, 6 million steps", (THREE,), (*_THREE, *_LONG, "gradual=true"), 90.0
         ),

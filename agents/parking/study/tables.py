@@ -47,6 +47,7 @@ CLAIMS: Final = (
         Claim("dppo-il", ">", "without-dwell", "aligned", "parking-complex"),
     ),
     Claim("graded-long", ">", "graded", "aligned", "parking-complex"),
+    Claim("three-longest", ">", "three-long", "aligned", "parking-three"),
     Claim("graded", ">", "dppo-il", "aligned", "parking-complex"),
 )
 """Directions of the thesis's results."""
