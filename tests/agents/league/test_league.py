@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 from dohyo.agents.league import league
 from dohyo.agents.league.edition import Edition, read_edition
-from dohyo.agents.league.page import page, standings
+from dohyo.agents.league.page import page
+from dohyo.agents.league.standings import standings
 from dohyo.agents.registry import agent_entries
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row, read_rows

@@ -1,0 +1,125 @@
+"""Standings: the places of a discipline, with paired tests between all entrants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from statistics import median
+from typing import Final
+
+from dohyo.agents.league.edition import Discipline, Entrant
+from dohyo.agents.studies.claims import Claim, Judgement, judge
+from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
+from dohyo.agents.studies.rows import Row, is_lost, matched
+from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
+
+LEVEL: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A measure of the rows.
+
+    Attributes:
+        title: Name for people, with its unit.
+        lower: Whether lower values are better.
+        share: Whether each drive has 0 or 100.
+        digits: Decimals.
+    """
+
+    title: str
+    lower: bool = False
+    share: bool = False
+    digits: int = 1
+
+
+MEASURES: Final[Mapping[str, Measure]] = {
+    "driving_score": Measure("driving score"),
+    "nocrash_success": Measure("success without a collision, %", share=True),
+    "success": Measure("success, %"),
+    "route_completion": Measure("route completion, %"),
+    "irs": Measure("infraction rate score"),
+    "closed_loop": Measure("closed-loop score"),
+    "aligned": Measure("aligned, % of successes"),
+    "time_s": Measure("time, s", lower=True),
+    "mse": Measure("MSE x 1000", lower=True, digits=2),
+    "speed_std_mps": Measure("deviation of all speeds, m/s", lower=True, digits=2),
+    "throughput_vph": Measure("throughput, vehicles/h", digits=0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """An entrant in a discipline.
+
+    Attributes:
+        entrant: The entrant.
+        rows: Its rows, without lost ones.
+        lost: Number of rows that were lost.
+        score: Of the headline.
+        ahead_of: Entrants that are worse, after Holm's correction over all pairs of the discipline.
+        behind: Entrants that are better, likewise.
+        leads: Whether it is first, or the first is not better by that test.
+    """
+
+    entrant: Entrant
+    rows: Sequence[Row]
+    lost: int
+    score: Estimate
+    ahead_of: tuple[str, ...]
+    behind: tuple[str, ...]
+    leads: bool
+
+    @property
+    def decision_ms(self) -> float | None:
+        """Median time of a decision; None where it was not measured."""
+        found = [row["decision_ms"] for row in self.rows if row.get("decision_ms") is not None]
+        return median(found) if found else None
+
+
+def standings(discipline: Discipline, entrants: Iterable[Entrant], rows: Sequence[Row]) -> list[Place]:
+    """Places of a discipline, the best first; who has no rows is left out."""
+    mine = [row for row in rows if row["benchmark"] == discipline.name]
+    there = [one for one in entrants if any(row["arm"] == one.name and not is_lost(row) for row in mine)]
+    measure = MEASURES[discipline.headline]
+    better = _better(discipline, there, mine)
+    places = []
+    for one in there:
+        own = [row for row in mine if row["arm"] == one.name]
+        ahead = tuple(loser for winner, loser in better if winner == one.name)
+        behind = tuple(winner for winner, loser in better if loser == one.name)
+        kept = [row for row in own if not is_lost(row)]
+        score = mean_of(kept, one.name, discipline.headline)
+        places.append(Place(one, kept, len(own) - len(kept), score, ahead, behind, leads=False))
+    places.sort(key=lambda place: (place.score.mean or 0.0) * (1.0 if measure.lower else -1.0))
+    return [replace(place, leads=places[0].entrant.name not in place.behind) for place in places]
+
+
+def _better(discipline: Discipline, entrants: Sequence[Entrant], rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Pairs of a better and a worse entrant, on the drives of both."""
+    claims = [Claim(a.name, ">", b.name, discipline.headline) for a, b in combinations(entrants, 2)]
+    judged = judge(claims, lambda claim, arm: _values(rows, arm, claim.measure))
+    return [_ordered(one, MEASURES[discipline.headline].lower) for one in judged if one.adjusted < LEVEL]
+
+
+def _ordered(one: Judgement, lower: bool) -> tuple[str, str]:
+    higher_first = (one.claim.left, one.claim.right)
+    left_is_higher = (one.difference.mean or 0.0) > 0.0
+    return higher_first if left_is_higher is not lower else higher_first[::-1]
+
+
+def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
+    return matched((row for row in rows if row.get(measure) is not None), arm, measure)
+
+
+def mean_of(rows: Sequence[Row], arm: str, measure: str) -> Estimate:
+    """Mean of a measure over the rows of an entrant that have it, with its interval."""
+    values = _values(rows, arm, measure)
+    if not values:
+        return Estimate(None, None, None, 0)
+    return estimate(values, _share if MEASURES[measure].share else mean_estimate)
+
+
+def _share(values: Sequence[float]) -> Estimate:
+    return share_estimate([value > 0.0 for value in values])
