@@ -32,6 +32,7 @@ from dohyo.service.evaluations import rescoring_routes as rescoring
 from dohyo.service.evaluations import routes as evaluations
 from dohyo.service.jobs import routes as jobs
 from dohyo.service.jobs.kinds import KINDS
+from dohyo.service.league import routes as league
 from dohyo.service.mixed_runs import routes as cross_play
 from dohyo.service.monitoring import health_routes as health
 from dohyo.service.monitoring import routes as service_metrics
@@ -62,7 +63,18 @@ ROUTERS = tuple(
     module.router
     for module in (
         *(health, tokens, jobs, networks, benchmarks, observations, builtin_agents, agents, submissions),
-        *(evaluations, episodes, leaderboard, cross_play, comparison, challenges, invitations, metrics, rescoring),
+        *(
+            evaluations,
+            episodes,
+            leaderboard,
+            league,
+            cross_play,
+            comparison,
+            challenges,
+            invitations,
+            metrics,
+            rescoring,
+        ),
         *(webhooks, workers, worlds, seats, spectating, signing, service_metrics),
     )
 )
@@ -96,6 +108,7 @@ def create_app(
         generate_unique_id_function=operation_id,
     )
     app.state.services = Services(settings, database, make_scheduler(settings, database, events), events)
+    app.state.league = settings.league  # the pages' navigation shows it
     errors.install(app)
     app.router.routes.insert(0, workers.step_route)
     for router in ROUTERS:

@@ -73,6 +73,7 @@ class Settings(BaseSettings):
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
+        league: Whether the dashboard leads to the league of all systems that come with dohyo.
         public: Whether leaderboards, episodes and replays are readable without a token.
         cors_origins: Origins of browsers that may call the API.
         process_deaths: Deaths of an episode's process after which the episode is lost. Its evaluation fails with the
@@ -119,6 +120,7 @@ class Settings(BaseSettings):
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
     body_limit_bytes: Annotated[int, Field(ge=1024)] = 4_000_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000
+    league: bool = False
     public: bool = True
     process_deaths: Annotated[int, Field(ge=1)] = 10
     cors_origins: Words = ()

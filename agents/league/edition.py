@@ -18,7 +18,9 @@ from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import UnknownNameError
 
-DOCUMENT: Final = Path(__file__).with_suffix(".toml")
+PUBLISHED: Final = Path(__file__).parent / "editions" / "2026-11"
+"""Folder of the edition that comes with dohyo, with its rows."""
+DOCUMENT: Final = PUBLISHED / "edition.toml"
 AGENTS: Final = Path(__file__).parents[1]
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
 from dohyo.agents.league.evaluating import Progress, evaluate
@@ -21,8 +20,6 @@ from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.files import write_atomically
 
-STORED: Final = Path(__file__).with_name("results")
-"""Rows of the published page."""
 Tell = Callable[[Discipline, Entrant], AbstractContextManager[Progress]]
 """Called before an evaluation; what it gives is called during it."""
 

@@ -21,7 +21,10 @@ def page(edition: Edition, rows: Sequence[Row]) -> str:
     found = {one.name: standings(one, edition.entrants_of(one), rows) for one in edition.disciplines}
     parts = [_HEAD.format(edition=edition.name), _overview(edition, found)]
     for discipline in edition.disciplines:
-        parts += [f"## {discipline.title}", *_section(discipline, found[discipline.name])]
+        if found[discipline.name]:
+            parts += [f"## {discipline.title}", *_section(discipline, found[discipline.name])]
+    if missing := [one.title for one in edition.disciplines if not found[one.name]]:
+        parts += ["## Not driven so far", "\n".join(f"* {title}." for title in missing)]
     return "\n\n".join([*parts, "## Who enters", _entrants(edition), _RULES]) + "\n"
 
 
@@ -33,7 +36,7 @@ In bold stands who leads a discipline, and everybody whose paired difference to 
 
 _RULES: Final = """## Rules
 
-* Seeds and samples stand in `agents/league/edition.toml` and were fixed before the first drive. No agent was trained, tuned or chosen on them. Forecasts have fixed days, and planners were developed on other excerpts.
+* Seeds and samples stand in `edition.toml` in `agents/league/editions/` and were fixed before the first drive. No agent was trained, tuned or chosen on them. Forecasts have fixed days, and planners were developed on other excerpts.
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 % after Holm's correction over all pairs of a discipline. Intervals are 95 % bootstraps over drives, not corrected.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times are of the machine of the run, and say only which agent is slow.
@@ -47,7 +50,7 @@ def _overview(edition: Edition, found: Mapping[str, Sequence[Place]]) -> str:
     for family in dict.fromkeys(one.family for one in edition.disciplines):
         disciplines = [one for one in edition.disciplines if one.family is family]
         entrants = [one for one in edition.entrants if one.family is family]
-        heads = ["", *(f"[{one.name}](#{_anchor(one.title)})" for one in disciplines)]
+        heads = ["", *(f"[{one.name}](#{_anchor(one.title)})" if found[one.name] else one.name for one in disciplines)]
         lines = [
             [one.name, *(_glance(discipline, found[discipline.name], one) for discipline in disciplines)]
             for one in entrants
@@ -67,8 +70,6 @@ def _glance(discipline: Discipline, places: Sequence[Place], entrant: Entrant) -
 
 def _section(discipline: Discipline, places: Sequence[Place]) -> list[str]:
     told = f"{discipline.told} Benchmark `{discipline.benchmark}`, ranked by {MEASURES[discipline.headline].title}."
-    if not places:
-        return [told, "*Not driven so far.*"]
     lines = [_line(discipline, places, place) for place in places]
     measures = [MEASURES[one].title for one in (discipline.headline, *discipline.then)]
     per_km = ["infractions per km"] if discipline.family is Family.DRIVING else []

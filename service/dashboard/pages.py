@@ -72,7 +72,10 @@ def render(request: Request, template: str, *, status: int = 200, **values: Any)
         status: HTTP status of the answer.
         values: Variables of the template.
     """
-    shared = {"signed_in": COOKIE in request.cookies, "path": request.url.path, "template": template, "status": status}
+    shared = {
+        "signed_in": COOKIE in request.cookies, "path": request.url.path, "template": template, "status": status,
+        "league": getattr(request.app.state, "league", False),
+    }  # fmt: skip
     page = _templates.get_template(f"{template}.html.j2").render(shared | values)
     return HTMLResponse(page, status, headers={"cache-control": "no-store"})
 
@@ -90,6 +93,12 @@ def render_private(request: Request, template: str, **values: Any) -> Response:
 def leaderboard(request: Request) -> HTMLResponse:
     """The leaderboard."""
     return render(request, "leaderboard")
+
+
+@router.get("/league")
+def league(request: Request) -> HTMLResponse:
+    """The league of all systems that come with dohyo."""
+    return render(request, "league")
 
 
 @router.get("/evaluations")

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dohyo.agents.league import league
-from dohyo.agents.league.edition import DOCUMENT, Discipline, Entrant, read_edition
+from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Discipline, Entrant, read_edition
 from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
 from dohyo.agents.studies.rows import read_rows
@@ -83,7 +83,7 @@ def verify(
 
 
 def _stored(folder: Path | None) -> list[dict[str, object]]:
-    found = read_rows(folder or league.STORED)
+    found = read_rows(folder or PUBLISHED)
     if not found:
-        raise InvalidInputError(f"'{folder or league.STORED}': expected rows of the league, found none")
+        raise InvalidInputError(f"'{folder or PUBLISHED}': expected rows of the league, found none")
     return found

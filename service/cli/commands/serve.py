@@ -23,6 +23,9 @@ def serve(
     ray_address: Annotated[str | None, typer.Option(help="Address of the Ray cluster; default: this machine.")] = None,
     processes: Annotated[int | None, typer.Option(min=1, help="Episodes driven at once; default: one per CPU.")] = None,
     insecure: Annotated[bool | None, typer.Option("--insecure", help="Listen beyond this machine without TLS.")] = None,
+    league: Annotated[
+        bool | None, typer.Option("--league", help="Show the league of all systems of dohyo in the dashboard.")
+    ] = None,
     tls_certificate: Annotated[Path | None, typer.Option(help="PEM file.")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="PEM file.")] = None,
 ) -> None:
@@ -30,7 +33,7 @@ def serve(
 
     The first start prints an administrator's token, once. Settings come from DOHYO_... variables too.
     """
-    given: dict[str, Any] = {"host": host, "port": port, "data": data, "insecure": insecure}
+    given: dict[str, Any] = {"host": host, "port": port, "data": data, "insecure": insecure, "league": league}
     given |= {"executor": executor, "ray_address": ray_address, "processes": processes}
     given |= {"tls_certificate": tls_certificate, "tls_key": tls_key}
     from dohyo.service.server import run  # imports take a second, for which other commands must not wait

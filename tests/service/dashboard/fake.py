@@ -38,6 +38,8 @@ from dohyo.service.evaluations.metrics import as_document as metrics_document
 from dohyo.service.evaluations.metrics_views import MetricsView
 from dohyo.service.evaluations.scoring import Drive, summary_of
 from dohyo.service.evaluations.views import EvaluationView
+from dohyo.service.league.routes import league
+from dohyo.service.league.views import LeagueView
 from dohyo.service.submissions.views import AgentView, SubmissionView
 from dohyo.service.web.views import Page
 
@@ -207,6 +209,10 @@ def create() -> FastAPI:
     @app.get("/v1/benchmarks")
     def benchmarks() -> list[BenchmarkView]:
         return BENCHMARKS
+
+    @app.get("/v1/league")
+    def standings() -> LeagueView:
+        return league()
 
     @app.get("/v1/leaderboard")
     def leaderboard(benchmark: str, track: str | None = None) -> LeaderboardView:

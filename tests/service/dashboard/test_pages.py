@@ -22,6 +22,7 @@ PAGES = {
     "map": "/evaluations/ev-reckless/map",
     "episode": "/episodes/reckless-right-to-south-s0#t=14",
     "waiting": "/episodes/waiting",
+    "league": "/league",
     "api": "/api",
     "login": "/login",
     "join": "/join",
@@ -58,6 +59,16 @@ def test_the_leaderboard_of_another_track_and_benchmark_is_chosen_by_the_address
         page.select_option("select[name=track]", "sensors")
     page.wait_for_selector(".state")
     assert "track=sensors" in page.url
+
+
+def test_the_league_shows_who_leads_each_discipline_and_what_the_sources_say(visit: Visitor) -> None:
+    page = visit().go("/league")
+    parking = page.locator("section#parking")
+    assert [row.split("\n")[0] for row in parking.locator("tbody th").all_inner_texts()][:1] == ["parking-expert"]
+    expect(parking.locator("tbody tr").first.locator("th b")).to_have_text("parking-expert")
+    expect(parking).to_contain_text("92 %, Unity")
+    three = page.locator("section#parking-three tbody tr").last
+    assert three.locator("th b").count() == 0  # significantly behind
 
 
 def test_an_empty_leaderboard_says_the_command_that_fills_it(visit: Visitor, site: Site) -> None:

@@ -1,0 +1,104 @@
+/** The league: every system in every discipline, on seeds that none was tuned on. */
+
+import { get, page } from "../api.js";
+import { byId, fill, h } from "../dom.js";
+import { estimateCells, scale, whisker } from "../estimate.js";
+import { interval, number } from "../format.js";
+import { colours } from "../subject.js";
+import { copyButton, table } from "../table.js";
+
+const PERCENT = 100; // upper end of the axis of scores that are shares
+const UNITS = { driving: "drives", parking: "lots", forecasting: "days", freeway: "mornings" };
+
+const LEADERS = [
+  { title: "discipline", cell: (one) => h("a", { href: `#${one.name}` }, one.title), csv: (one) => one.name },
+  { title: "leads", cell: (one) => one.places[0].entrant, csv: (one) => one.places[0].entrant },
+  {
+    title: "score",
+    numeric: true,
+    cell: (one) => [h("b", {}, number(headlineOf(one, one.places[0]).mean)), h("div", { class: "quiet small" }, one.measures[0].title)],
+    csv: (one) => headlineOf(one, one.places[0]).mean,
+  },
+  {
+    title: "not significantly behind",
+    css: "plain",
+    cell: (one) => one.places.slice(1).filter((place) => place.leads).map((place) => place.entrant).join(", ") || "nobody",
+    csv: (one) => one.places.slice(1).filter((place) => place.leads).length,
+  },
+];
+
+page(async () => {
+  const { edition, disciplines } = await get("/v1/league");
+  const names = disciplines.flatMap((one) => one.places.map((place) => place.entrant));
+  const colour = await colours([...new Set(names)]);
+  const driven = disciplines.filter((one) => one.places.length);
+  const open = disciplines.filter((one) => !one.places.length);
+  fill(
+    byId("content"),
+    h("div", { class: "title" }, h("h1", {}, "League"), h("p", { class: "quiet" }, `edition ${edition}`)),
+    h(
+      "p",
+      {},
+      "Every system of dohyo on every benchmark, on seeds that nobody tuned on. In bold stands who leads a discipline, and who is not significantly behind. ",
+      "Numbers of the sources were measured in other simulators: to be seen, not to be compared.",
+    ),
+    h("div", { class: "panel wide" }, table(LEADERS, driven, { name: "leaders", caption: "Who leads where" })),
+    driven.map((one) => section(one, colour)),
+    open.length && h("p", { class: "note" }, `Not driven so far: ${open.map((one) => one.title).join("; ")}.`),
+  );
+});
+
+const headlineOf = (discipline, place) => place.scores[discipline.measures[0].key];
+
+/** One discipline: its places, the best first. */
+function section(discipline, colour) {
+  const [headline, ...beside] = discipline.measures;
+  const top = axis(discipline, headline);
+  const columns = [
+    {
+      title: "entrant",
+      cell: (place) => [
+        place.leads ? h("b", {}, place.entrant) : h("span", { class: "plain" }, place.entrant),
+        h("div", { class: "quiet small plain" }, place.thesis ? `${place.system} · thesis ${place.thesis}` : place.system),
+      ],
+      csv: (place) => ({ entrant: place.entrant, system: place.system }),
+    },
+    {
+      title: headline.title,
+      css: "estimate",
+      head: scale(0, top),
+      cell: (place) => h("div", { style: { "--agent": colour[place.entrant] ?? "var(--accent)" } }, whisker(place.scores[headline.key], top)),
+      csv: (place) => estimateCells(headline.key, place.scores[headline.key]),
+    },
+    ...beside.map((measure) => ({
+      title: measure.title,
+      numeric: true,
+      cell: (place) => told(place.scores[measure.key]),
+      csv: (place) => estimateCells(measure.key, place.scores[measure.key]),
+    })),
+    { title: "better than", css: "plain small", cell: (place) => place.better_than.join(", ") || "nobody", csv: (place) => ({ better_than: place.better_than.length }) },
+    { title: UNITS[discipline.family], numeric: true, cell: (place) => counted(place), csv: (place) => ({ counted: place.counted }) },
+    { title: "decision", unit: "ms", numeric: true, cell: (place) => (place.decision_ms === null ? "" : number(place.decision_ms)), csv: (place) => ({ decision_ms: place.decision_ms }) },
+    { title: "its source says", css: "plain small quiet", cell: (place) => place.reported ?? "", csv: (place) => ({ reported: place.reported ?? "" }) },
+  ];
+  return h(
+    "section",
+    { id: discipline.name, "aria-label": discipline.title },
+    h("div", { class: "heading" }, h("h2", {}, discipline.title), copyButton(columns, discipline.places)),
+    h("p", { class: "quiet" }, `${discipline.told} Benchmark ${discipline.benchmark}${headline.lower ? "; lower is better" : ""}.`),
+    h("div", { class: "panel wide" }, table(columns, discipline.places, { name: discipline.name, caption: discipline.title })),
+  );
+}
+
+/** Upper end of the headline's axis. */
+function axis(discipline, headline) {
+  if (!headline.lower) return PERCENT;
+  return Math.max(...discipline.places.map((place) => place.scores[headline.key].high ?? place.scores[headline.key].mean ?? 0));
+}
+
+function told(estimate) {
+  if (!estimate || estimate.mean === null) return "";
+  return [h("b", { class: "number" }, number(estimate.mean)), h("div", { class: "quiet number" }, interval(estimate))];
+}
+
+const counted = (place) => (place.lost ? `${place.counted}, ${place.lost} lost` : `${place.counted}`);

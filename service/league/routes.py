@@ -1,0 +1,68 @@
+"""The league of all systems, from the rows that come with dohyo."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+from fastapi import APIRouter
+
+from dohyo.agents.league.edition import PUBLISHED, Discipline, read_edition
+from dohyo.agents.league.standings import MEASURES, Place, mean_of, standings
+from dohyo.agents.studies.rows import read_rows
+from dohyo.service.accounts.access import Reader
+from dohyo.service.league.views import LeagueDisciplineView, LeagueMeasureView, LeaguePlaceView, LeagueView
+from dohyo.service.web.documents import problems
+from dohyo.service.web.heavy import heavy_read
+
+router = APIRouter(prefix="/v1/league", tags=["leaderboard"])
+
+
+@router.get("", responses=problems())
+@heavy_read
+def get_league(caller: Reader) -> LeagueView:
+    """Every system of dohyo in every discipline, with paired tests; see `docs/league.md`."""
+    return league()
+
+
+@cache
+def league() -> LeagueView:
+    """The standings, which do not change while a service runs."""
+    edition, rows = read_edition(), read_rows(PUBLISHED)
+    return LeagueView(
+        edition=edition.name,
+        disciplines=[_discipline(one, standings(one, edition.entrants_of(one), rows)) for one in edition.disciplines],
+    )
+
+
+def _discipline(discipline: Discipline, places: list[Place]) -> LeagueDisciplineView:
+    measures = (discipline.headline, *discipline.then)
+    return LeagueDisciplineView(
+        name=discipline.name,
+        title=discipline.title,
+        told=discipline.told,
+        benchmark=discipline.benchmark,
+        family=discipline.family,
+        measures=[LeagueMeasureView(key=key, title=MEASURES[key].title, lower=MEASURES[key].lower) for key in measures],
+        places=[_place(discipline, place, measures) for place in places],
+    )
+
+
+def _place(discipline: Discipline, place: Place, measures: tuple[str, ...]) -> LeaguePlaceView:
+    entrant = place.entrant
+    scores = {key: mean_of(place.rows, entrant.name, key) for key in measures}
+    return LeaguePlaceView.model_validate(
+        {
+            "entrant": entrant.name,
+            "system": entrant.system,
+            "thesis": entrant.thesis or None,
+            "parameters": entrant.parameters,
+            "leads": place.leads,
+            "scores": {key: dataclasses.asdict(one) for key, one in scores.items()},
+            "better_than": list(place.ahead_of),
+            "counted": len(place.rows),
+            "lost": place.lost,
+            "decision_ms": place.decision_ms,
+            "reported": entrant.reported.get(discipline.name),
+        }
+    )

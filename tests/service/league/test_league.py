@@ -1,0 +1,31 @@
+"""The league of a service: the stored standings, for everybody who may read, and in the navigation if it is wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dohyo.agents.league.edition import read_edition
+from tests.service.harness import Harness, running
+
+
+def test_the_standings_are_those_of_the_published_rows(service: Harness) -> None:
+    document = service.client.get("/v1/league").json()
+    edition = read_edition()
+    assert document["edition"] == edition.name
+    assert [one["name"] for one in document["disciplines"]] == [one.name for one in edition.disciplines]
+    parking = next(one for one in document["disciplines"] if one["name"] == "parking")
+    best, *others = parking["places"]
+    assert best["leads"]
+    headline = parking["measures"][0]["key"]
+    assert all(best["scores"][headline]["mean"] >= one["scores"][headline]["mean"] for one in others)
+
+
+def test_who_may_read_nothing_reads_no_standings(private: Harness) -> None:
+    assert private.client.get("/v1/league").status_code == 401
+
+
+def test_the_pages_lead_to_the_league_where_the_operator_wants_it(service: Harness, tmp_path: Path) -> None:
+    link = 'href="/league"'
+    assert link not in service.client.get("/", headers={"accept": "text/html"}).text
+    with running(tmp_path / "other", league=True) as wanted:
+        assert link in wanted.client.get("/", headers={"accept": "text/html"}).text
