@@ -7,22 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
 from pydantic import Field
 
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark
-from dohyo.evaluation.freeway.records import (
-    LARGEST_BYTES,
-    FreewayRecord,
-    facts_at,
-    parse_freeway_record,
-    write_freeway_record,
-)
+from dohyo.evaluation.freeway.records import FreewayRecord, facts_at
 from dohyo.evaluation.freeway.result import Metric
-from dohyo.evaluation.records.foreign_files import read_limited
-from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.running.manifest import ResultManifest
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
@@ -30,7 +22,6 @@ from dohyo.sumo_networks.ego.control import InvalidActionError
 
 DAY: Final = "day"
 FORECASTER: Final = "forecaster"
-WHAT: Final = "the record of a day of forecasts"
 MINUTES: Final = 3
 """Minutes ahead that are forecast."""
 FASTEST_MPS: Final = 60.0
@@ -70,22 +61,16 @@ class DayRecord(FreewayRecord):
     """The facts of one forecaster on one day.
 
     Attributes:
-        format: Version of this format.
         scenario: Day that was forecast.
-        benchmark: Name and content hash.
-        agent: The forecaster.
-        failure: Fault of the forecaster that ended the day; None: it forecast the whole day.
         measures: Errors by the keys of `METRICS`; none after a failure.
         forecasts: Number of forecasts that the forecaster made.
         forecasts_sha256: Hash of all forecasts, float32 (forecasts, 3, N), m/s; "" after a failure.
         versions: Versions of dohyo and SUMO, and the hash of the network.
     """
 
-    format: Literal[1] = 1
+    what: ClassVar[str] = "the record of a day of forecasts"
+
     scenario: DayScenario
-    benchmark: tuple[str, str]
-    agent: AgentInfo
-    failure: str | None = None
     measures: Mapping[str, float] = Field(default_factory=dict)
     forecasts: int = 0
     forecasts_sha256: str = ""
@@ -111,29 +96,6 @@ def check_forecast(given: object, shape: tuple[int, ...]) -> FloatArray:
     if not np.isfinite(speeds).all():
         raise InvalidActionError("expected a forecast of finite speeds, got NaN or infinity")
     return np.clip(speeds, 0.0, FASTEST_MPS)
-
-
-def write_day(directory: Path, stem: str, record: DayRecord) -> None:
-    """Writes a record, complete or not at all."""
-    write_freeway_record(directory, stem, record)
-
-
-def read_day(path: Path) -> DayRecord:
-    """Reads a record.
-
-    Raises:
-        InvalidInputError: The file is missing, or no such record, or its hash is another one.
-    """
-    return parse_day(read_limited(path, WHAT, LARGEST_BYTES), str(path))
-
-
-def parse_day(content: bytes, path: str) -> DayRecord:
-    """Parses the content of a record's file and checks its hash.
-
-    Raises:
-        InvalidInputError: It is no record of a day, or its hash is another one.
-    """
-    return parse_freeway_record(content, path, DayRecord, WHAT)
 
 
 def is_day(path: Path) -> bool:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 from pydantic import ValidationError
 
-from dohyo.evaluation.freeway.day import DAY, DayRecord, parse_day
-from dohyo.evaluation.freeway.morning import MORNING, MorningRecord, parse_morning
+from dohyo.evaluation.freeway.day import DAY, DayRecord
+from dohyo.evaluation.freeway.morning import MORNING, MorningRecord
 from dohyo.evaluation.parking.benchmark import LOT
 from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.parking.record import parse_record as parse_lot
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dohyo.service.client.answers import EpisodeView
 
 _Parser = Callable[[bytes, str], EpisodeRecord | MorningRecord | ParkingRecord | DayRecord]
-_PARSERS: Final[Mapping[str, _Parser]] = {MORNING: parse_morning, LOT: parse_lot, DAY: parse_day}
+_PARSERS: Final[Mapping[str, _Parser]] = {MORNING: MorningRecord.parse, LOT: parse_lot, DAY: DayRecord.parse}
 
 SIGNATURE_HEADER: Final = "dohyo-signature"
 

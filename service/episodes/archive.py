@@ -10,8 +10,8 @@ import os
 import shutil
 from pathlib import Path
 
-from dohyo.evaluation.freeway.day import DayRecord, DayScenario, read_day
-from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, read_morning
+from dohyo.evaluation.freeway.day import DayRecord, DayScenario
+from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.freeway.records import FreewayRecord
 from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.parking.lot_files import read_lot, read_lot_motion
@@ -66,9 +66,9 @@ def shelve(settings: Settings, staged: Path, scenario: AnyScenario) -> Record:
 def _read(staged: Path, scenario: AnyScenario) -> Record:
     match scenario:
         case MorningScenario():
-            return read_morning(staged)
+            return MorningRecord.read(staged)
         case DayScenario():
-            return read_day(staged)
+            return DayRecord.read(staged)
         case LotScenario():
             lot = read_lot(staged)
             read_lot_motion(staged, lot)  # must be there and whole

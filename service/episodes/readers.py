@@ -15,8 +15,8 @@ from fastapi import Depends, Request
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, TrafficBenchmark
-from dohyo.evaluation.freeway.day import DAY, read_day
-from dohyo.evaluation.freeway.morning import MORNING, read_morning
+from dohyo.evaluation.freeway.day import DAY, DayRecord
+from dohyo.evaluation.freeway.morning import MORNING, MorningRecord
 from dohyo.evaluation.parking.benchmark import LOT
 from dohyo.evaluation.parking.lot_files import read_lot, read_lot_motion
 from dohyo.evaluation.parking.record import ParkingRecord
@@ -242,9 +242,9 @@ def check_record(settings: Settings, episode: Episode) -> None:
     """
     path = record_path(settings, episode)
     if _is_morning(path, episode):
-        _checked(path, episode, read_morning)
+        _checked(path, episode, MorningRecord.read)
     elif is_day(episode):
-        _checked(path, episode, read_day)
+        _checked(path, episode, DayRecord.read)
     elif is_lot(episode):
         _checked(path, episode, read_lot)
     else:

@@ -16,13 +16,13 @@ from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S, WARM_UP_DEADLINE_S
-from dohyo.evaluation.freeway.day import FORECASTER, DayRecord, DayScenario, check_forecast, write_day
+from dohyo.evaluation.freeway.day import FORECASTER, DayRecord, DayScenario, check_forecast
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.forecasting.interface import POLICY, forecast_shape
 from dohyo.service.forecasting.policy import OnnxForecaster
 from dohyo.service.running.channel import SEEN, Channel
-from dohyo.service.running.gauge import Gauge
-from dohyo.service.running.order import EpisodeOrder
+from dohyo.service.running.gauge import Gauge, watched
+from dohyo.service.running.order import EpisodeOrder, check_unchanged
 from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError, SimulationError
@@ -46,7 +46,7 @@ def forecast_day(order: EpisodeOrder, scenario: DayScenario, channel: Channel, g
     """
     if order.verdict is not None:
         failed = DayRecord(scenario=scenario, benchmark=order.benchmark, agent=order.info, failure=order.verdict[1])
-        write_day(order.directory, order.stem, failed)
+        failed.write(order.directory, order.stem)
         return b""
     if order.remote:
         return _forecast_remotely(order, scenario, channel, gauge)
@@ -69,12 +69,9 @@ def _forecast_remotely(order: EpisodeOrder, scenario: DayScenario, channel: Chan
         nonlocal tick, last_s
         seen = observation(history, time_s)
         bridge.show(tick, {FORECASTER: {name: seen[name] for name in order.info.sensors}}, time_s)
-        gauge.watch_worker(order.act_deadline_s)
-        try:
+        tick, last_s = tick + 1, time_s
+        with watched(gauge.watch_worker, order.act_deadline_s):
             return bridge.decision(FORECASTER)
-        finally:
-            gauge.watch_worker(0.0)
-            tick, last_s = tick + 1, time_s
 
     _judge(order, scenario, windows, ask)
     return SEEN.pack(tick, last_s, bridge.missed, bridge.clipped)
@@ -105,7 +102,7 @@ def observation(history: Float32Array, time_s: float) -> dict[str, Float32Array]
 
 
 def _judge(order: EpisodeOrder, scenario: DayScenario, windows: Windows, forecast: Forecast) -> None:
-    write_day(order.directory, order.stem, judge_day(scenario, windows, forecast, order.info, order.benchmark))
+    judge_day(scenario, windows, forecast, order.info, order.benchmark).write(order.directory, order.stem)
 
 
 def _made(info: AgentInfo, policy: Path | None = None) -> ForecastAgent:
@@ -119,10 +116,11 @@ def _made(info: AgentInfo, policy: Path | None = None) -> ForecastAgent:
         agent: ForecastAgent = OnnxForecaster(**settings)
     else:
         agent = make_forecast_agent(resolve(info.entry), info.settings)
-    there = agent_info(agent, info.entry, info.settings)  # type: ignore[arg-type]  # it reads the spec alone
-    if (there.source_sha256, there.files_sha256) != (info.source_sha256, info.files_sha256):
+    try:
+        check_unchanged(info, agent_info(agent, info.entry, info.settings))  # type: ignore[arg-type]  # it reads the spec alone
+    except InvalidInputError:
         agent.close()
-        raise InvalidInputError(f"agent '{info.name}': its code has changed since it was submitted; submit it again")
+        raise
     return agent
 
 
@@ -135,9 +133,8 @@ class _Watched:
     def __call__(self, history: Float32Array, time_s: float) -> ArrayLike:
         """See `Forecast`; the first call prepares the forecaster, and may compile."""
         seconds = self._act_deadline_s if self._begun else WARM_UP_DEADLINE_S
-        self._watch(seconds)
         try:
-            with deadline(seconds, f"agent '{self._agent.spec.name}'"):
+            with watched(self._watch, seconds), deadline(seconds, f"agent '{self._agent.spec.name}'"):
                 if not self._begun:
                     self._agent.reset(0)
                 answer = self._agent.act(observation(history, time_s))
@@ -145,7 +142,5 @@ class _Watched:
             raise
         except Exception as error:  # an agent's code may raise anything
             raise AgentError(f"act raised {type(error).__name__}: {error}") from error
-        finally:
-            self._watch(0.0)
         self._begun = True
         return answer

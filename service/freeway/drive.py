@@ -14,12 +14,12 @@ import numpy as np
 
 from dohyo.agents.speed_planning.benchmark import morning_of
 from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, DissipationEnv
-from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
+from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from dohyo.service.freeway.planner import DECIDES_EVERY_S, STATE
 from dohyo.service.policies.agent import OnnxPolicy
 from dohyo.service.running.channel import SEEN, Channel
-from dohyo.service.running.gauge import Gauge
+from dohyo.service.running.gauge import Gauge, watched
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
@@ -65,11 +65,8 @@ def drive_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
 
     def plan(number: int, speeds: Float32Array, time_s: float) -> np.ndarray:
         bridge.show(number, {PLANNER: {STATE: speeds}}, time_s)
-        gauge.watch_worker(order.act_deadline_s)
-        try:
+        with watched(gauge.watch_worker, order.act_deadline_s):
             return bridge.decision(PLANNER)
-        finally:
-            gauge.watch_worker(0.0)
 
     plans, time_s = _drive(order, scenario, env, plan)
     return SEEN.pack(plans, time_s, bridge.missed, bridge.clipped)
@@ -77,13 +74,11 @@ def drive_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
 
 def _planned_by(policy: OnnxPolicy, watch: Callable[[float], None]) -> Plan:
     def plan(number: int, speeds: Float32Array, time_s: float) -> np.ndarray:
-        watch(policy.limits.decision_s)
-        try:
-            return checked(policy.act({STATE: speeds}), speeds.shape)
-        except InvalidInputError as error:
-            raise InvalidActionError(str(error)) from error
-        finally:
-            watch(0.0)
+        with watched(watch, policy.limits.decision_s):
+            try:
+                return checked(policy.act({STATE: speeds}), speeds.shape)
+            except InvalidInputError as error:
+                raise InvalidActionError(str(error)) from error
 
     return plan
 
@@ -109,7 +104,7 @@ def _drive(order: EpisodeOrder, scenario: MorningScenario, env: DissipationEnv, 
     finally:
         env.close()
     facts |= {"plans": tick, "wall_s": round(time.monotonic() - began, 3)}
-    write_morning(order.directory, order.stem, record.model_copy(update=facts))
+    record.model_copy(update=facts).write(order.directory, order.stem)
     return tick, env.world.time_s
 
 

@@ -16,14 +16,13 @@ from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.parking.drive import drive_lot
 from dohyo.evaluation.parking.lot_files import write_lot
 from dohyo.evaluation.parking.running import close_agents, make_agents
-from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.parking.interface import ACTION_SHAPE, check_action, state_of
 from dohyo.service.running.channel import SEEN, Channel
-from dohyo.service.running.gauge import Gauge
-from dohyo.service.running.order import EpisodeOrder
+from dohyo.service.running.gauge import Gauge, watched
+from dohyo.service.running.order import EpisodeOrder, check_unchanged
 from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.errors import AgentError, InvalidInputError
+from dohyo.sumo_networks.errors import AgentError
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.rows import LotView
 from dohyo.sumo_networks.parking.world import ParkingWorld
@@ -54,7 +53,8 @@ def park(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Ga
     gauge.begin()
     agents = make_agents(scenario.benchmark, resolve(order.info.entry), order.info.settings)
     try:
-        _check_unchanged(agents[0], order.info)
+        there = agent_info(agents[0], order.info.entry, order.info.settings)  # type: ignore[arg-type]  # it reads the spec alone
+        check_unchanged(order.info, there)
         _drive(order, scenario, [_Watched(agent.spec, agent, order.act_deadline_s, gauge.watch) for agent in agents])
     finally:
         close_agents(agents)
@@ -90,17 +90,6 @@ def _drive(
 @cache
 def _world(karts: int) -> ParkingWorld:
     return ParkingWorld(1, karts)
-
-
-def _check_unchanged(agent: ParkingAgent, info: AgentInfo) -> None:
-    """Checks that an agent is the one which was submitted, since the record would be wrong.
-
-    Raises:
-        InvalidInputError: It differs.
-    """
-    there = agent_info(agent, info.entry, info.settings)  # type: ignore[arg-type]  # it reads the spec alone
-    if (there.source_sha256, there.files_sha256) != (info.source_sha256, info.files_sha256):
-        raise InvalidInputError(f"agent '{info.name}': its code has changed since it was submitted; submit it again")
 
 
 @dataclass(slots=True)
@@ -145,11 +134,8 @@ class _Remote(_Parker):
 
     def act(self, observation: Float32Array) -> Float32Array:
         """The worker's action for the observation that it has already received."""
-        self.watch(self.act_deadline_s)
-        try:
+        with watched(self.watch, self.act_deadline_s):
             return self.bridge.decision(self.ego)
-        finally:
-            self.watch(0.0)
 
 
 @dataclass(slots=True)
@@ -178,9 +164,5 @@ class _Watched(_Parker):
         return action
 
     def _call(self, call: Callable[[], T], seconds: float) -> T:
-        self.watch(seconds)
-        try:
-            with deadline(seconds, f"agent '{self.spec.name}'"):
-                return call()
-        finally:
-            self.watch(0.0)
+        with watched(self.watch, seconds), deadline(seconds, f"agent '{self.spec.name}'"):
+            return call()

@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from dohyo.evaluation.freeway.day import DayScenario
-from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario, write_morning
+from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.confinement.rights import confine_episodes
@@ -93,7 +93,7 @@ def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge, cluster: str | N
 def _plan_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Channel, gauge: Gauge) -> bytes:
     if order.verdict is not None:
         record = MorningRecord(scenario=scenario, benchmark=order.benchmark, agent=order.info, failure=order.verdict[1])
-        write_morning(order.directory, order.stem, record)
+        record.write(order.directory, order.stem)
         return b""
     from dohyo.service.freeway.drive import drive_morning  # the freeway's simulation takes a second to import
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import mmap
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 GAUGE_BYTES: Final = 40
@@ -73,3 +75,13 @@ class Gauge:
             self.begin()
         self.watch(seconds, ego)
         self._values[_DUE] = 0.0
+
+
+@contextmanager
+def watched(watch: Callable[[float], None], seconds: float) -> Iterator[None]:
+    """Meanwhile an agent is called, which may take so long; `watch` is that of a gauge, or its `watch_worker`."""
+    watch(seconds)
+    try:
+        yield
+    finally:
+        watch(0.0)

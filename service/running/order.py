@@ -167,6 +167,18 @@ def checked_job(order: EpisodeOrder) -> Job:
     return replace(job, infos={ego: checked[info.model_dump_json()] for ego, info in job.infos.items()})
 
 
+def check_unchanged(submitted: AgentInfo, there: AgentInfo) -> None:
+    """Checks that an agent is the one which was submitted, since the record would be wrong.
+
+    Raises:
+        InvalidInputError: Its code differs.
+    """
+    if (there.source_sha256, there.files_sha256) != (submitted.source_sha256, submitted.files_sha256):
+        raise InvalidInputError(
+            f"agent '{submitted.name}': its code has changed since it was submitted; submit it again"
+        )
+
+
 def _checked(info: AgentInfo) -> AgentInfo:
     """A submitted agent, its entry resolved, after a comparison with the installed code."""
     entry = resolve(info.entry)
@@ -176,8 +188,5 @@ def _checked(info: AgentInfo) -> AgentInfo:
             there = agent_info(agent, entry, info.settings)
         finally:
             agent.close()
-        if (there.source_sha256, there.files_sha256) != (info.source_sha256, info.files_sha256):
-            raise InvalidInputError(
-                f"agent '{info.name}': its code has changed since it was submitted; submit it again"
-            )
+        check_unchanged(info, there)
     return info.model_copy(update={"entry": entry})

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import typer
 
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.evaluation.freeway.day import is_day, read_day
-from dohyo.evaluation.freeway.morning import is_morning, read_morning
+from dohyo.evaluation.freeway.day import DayRecord, is_day
+from dohyo.evaluation.freeway.morning import MorningRecord, is_morning
 from dohyo.evaluation.parking.lot_files import is_lot, is_lots_folder, read_lot
 from dohyo.evaluation.parking.record import is_parking_records
 from dohyo.evaluation.records.mixed import agents_of, drives_of
@@ -175,7 +175,7 @@ def _verify_day(
     path: Path, key: str | None, server: str | None, signature_only: bool, policy: Path | None, trust: bool, json: bool
 ) -> None:
     """Checks hash and signature of a day's record, judges its forecaster again and compares."""
-    day = read_day(path)
+    day = DayRecord.read(path)
     signer, replayed = check_signature(path, day, key, server), None
     if not signature_only:
         from dohyo.service.forecasting.drive import judge_again  # the freeway's simulation takes a second to import
@@ -193,7 +193,7 @@ def _verify_morning(path: Path, key: str | None, server: str | None, signature_o
     Raises:
         InvalidInputError: It is to be driven again, and its planner was a policy worker.
     """
-    morning = read_morning(path)
+    morning = MorningRecord.read(path)
     signer = check_signature(path, morning, key, server)
     if not signature_only:
         raise InvalidInputError(
