@@ -14,13 +14,16 @@ from dohyo.service.web.views import Version, View
 
 
 class ComparisonView(View):
-    """Paired difference of two sides over their common drives."""
+    """Paired difference of two sides over their common drives.
+
+    Between the places of a board, a difference above 0 means a better score, also where lower scores are better.
+    """
 
     difference: Annotated[EstimateView, Field(description="Mean of the differences.")]
     probability: Annotated[float, Field(description="Share of resamples in which the difference is above 0.")]
     verdict: Annotated[
         Literal["<", "=", ">"],
-        Field(description="< significantly lower, > significantly higher, = no significant difference."),
+        Field(description="< significantly below 0, > significantly above 0, = no significant difference."),
     ]
 
 
@@ -55,7 +58,10 @@ class RowView(View):
     finished: Annotated[datetime | None, Field(description="End of the run.")]
     scores: Annotated[dict[str, EstimateView], Field(description="Scores with intervals, by name.")]
     per_km: Annotated[dict[str, float], Field(description="Infractions per km; kinds that never happened left out.")]
-    above: Annotated[ComparisonView | None, Field(description="This row against the one above; null for the first.")]
+    above: Annotated[
+        ComparisonView | None,
+        Field(description="This row against the one above, above 0 where it is better; null for the first."),
+    ]
 
 
 class LeaderboardView(View):

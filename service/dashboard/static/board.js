@@ -41,7 +41,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
       title: "vs above",
       cell: (row) =>
         row.above
-          ? verdict(row.above, `A: ${row.agent}, B: the row above`)
+          ? verdict(row.above, `A: ${row.agent}, B: the row above`, "better")
           : missing("no row above has the same drives"),
       csv: (row) => ({ verdict: row.above?.verdict, probability: row.above?.probability }),
     },

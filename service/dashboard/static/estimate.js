@@ -69,36 +69,38 @@ export function agentName(name, colour, href = `/agents/${encodeURIComponent(nam
   );
 }
 
-/** The probability that A scores higher than B, such as `P(A > B) = 0.873`; reports write it in the same form. */
-function probabilityText(probability) {
-  const event = "P(A\u00a0>\u00a0B)"; // a line may end after it, not within
+/** A probability with its event, such as `P(A > B) = 0.873`; reports write it in the same form. */
+function probabilityText(event, probability) {
   if (probability >= 0.9995) return `${event} >\u00a00.999`;
   if (probability < 0.0005) return `${event} <\u00a00.001`;
   return `${event} =\u00a0${probability.toFixed(3)}`;
 }
 
+/** Words of a comparison whose difference above 0 means a higher score of A, or a better one; a line breaks after them. */
+const DIRECTIONS = {
+  higher: { "<": "A is significantly lower", ">": "A is significantly higher", event: "P(A\u00a0>\u00a0B)" },
+  better: { "<": "A is significantly worse", ">": "A is significantly better", event: "P(A\u00a0better)" },
+};
+
 /**
- * The verdict of a paired test as a sign, and the probability that A scores higher than B.
+ * The verdict of a paired test as a sign, and the probability that A is higher or better than B.
  * @param comparison A - B, with `probability` that of a difference above 0
  * @param {string} subject A and B in words
+ * @param {"higher" | "better"} direction what a difference above 0 means
  */
-export function verdict(comparison, subject) {
+export function verdict(comparison, subject, direction = "higher") {
   if (!comparison) return null;
   const { verdict: sign, probability, difference } = comparison;
   if (difference?.low === 0 && difference?.high === 0) {
     const title = `${subject}: equal on every drive`;
     return h("span", { class: "verdict even", title }, sign, h("span", { class: "quiet" }, " equal"));
   }
-  const word = {
-    "=": "no significant difference",
-    "<": "A is significantly lower",
-    ">": "A is significantly higher",
-  }[sign];
-  const title = `${subject}: ${word}`;
+  const words = DIRECTIONS[direction];
+  const title = `${subject}: ${words[sign] ?? "no significant difference"}`;
   return h(
     "span",
     { class: sign === "=" ? "verdict even" : "verdict", title },
     sign,
-    h("span", { class: "quiet" }, ` ${probabilityText(probability)}`),
+    h("span", { class: "quiet" }, ` ${probabilityText(words.event, probability)}`),
   );
 }

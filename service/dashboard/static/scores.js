@@ -48,10 +48,12 @@ const PARKING = {
 const OPEN = ["driving_score", "route_completion", "irs", "success", "infraction_penalty", "nocrash_success"];
 const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "time_to_collision", "comfort"];
 
-/** Title, unit and upper end of the axis of a score. */
+const LOWER = new Set(["speed_std_mps", "speed_std_within_mps", "fuel_circles_g_km", "time_s", "contacts", "timed_out", ...Object.keys(FORECAST)]);
+
+/** Title, unit and upper end of the axis of a score, and whether lower values are better. */
 export function scoreOf(key) {
   const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? PARKING[key] ?? FORECAST[key] ?? [key, ...PERCENT];
-  return { key, title, unit, top };
+  return { key, title, unit, top, lower: LOWER.has(key) };
 }
 
 /** Whether drives have infractions: not mornings, lots and days of forecasts. */

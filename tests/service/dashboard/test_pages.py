@@ -49,7 +49,7 @@ def test_the_leaderboard_shows_mean_interval_and_n_best_first(visit: Visitor) ->
     score = rows.nth(0).locator("td.estimate").first
     expect(score).to_contain_text("n=12")
     assert score.locator("circle").count() == 1
-    expect(rows.nth(1).locator(".verdict")).to_have_text("< P(A > B) < 0.001")
+    expect(rows.nth(1).locator(".verdict")).to_have_text("< P(A better) < 0.001")
 
 
 def test_the_leaderboard_of_another_track_and_benchmark_is_chosen_by_the_address(visit: Visitor) -> None:

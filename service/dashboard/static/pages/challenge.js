@@ -113,7 +113,7 @@ async function boardPart(phase) {
     h(
       "p",
       { class: "note" },
-      `Ranked by ${board.description}. Rows without a significant difference on the same drives share a rank. P(A > B) is the probability that a row (A) scores higher than the row above (B). `,
+      `Ranked by ${board.description}. Rows without a significant difference on the same drives share a rank. P(A better) is the probability that a row (A) is better than the row above (B). `,
       "Run by the service: built-in and ONNX agents; of a remote agent, computing time, memory and program cannot be checked. Runs: ranked runs ordered, and after the minus sign attempts at episodes that gave no record. ",
       h("a", { href: csv }, "CSV"),
     ),

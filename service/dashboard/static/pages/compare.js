@@ -123,7 +123,7 @@ function pairs(given, colour) {
           .filter(({ key }) => pair.scores[key])
           .map((one) => ({ ...one, ...pair.scores[one.key] }));
         const columns = [
-          { title: "score", cell: (row) => row.title, csv: (row) => row.key },
+          { title: "score", cell: (row) => (row.lower ? `${row.title}, lower is better` : row.title), csv: (row) => row.key },
           {
             title: "difference",
             css: "estimate",
@@ -156,11 +156,11 @@ function pairs(given, colour) {
     h(
       "p",
       { class: "note" },
-      "A is the first agent, B the second. Axes run from the largest possible loss to the largest possible gain. ",
+      "A is the first agent, B the second. Axes run from the largest possible difference below 0 to that above 0. ",
       h("b", {}, "<"),
       " or ",
       h("b", {}, ">"),
-      " means a significant difference: its 95 % interval excludes 0. P(A > B) is the probability that A scores higher.",
+      " means a significant difference: its 95 % interval excludes 0. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.",
     ),
   );
 }

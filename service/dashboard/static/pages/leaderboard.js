@@ -111,7 +111,7 @@ function notes(board, rows, asked) {
       "p",
       { class: "note" },
       `Ranked by ${board.description}. `,
-      "Rows without a significant difference on the same drives share a rank. Vs above: the paired test of this row (A) against the row above (B); P(A > B) is the probability that A scores higher. ",
+      "Rows without a significant difference on the same drives share a rank. Vs above: the paired test of this row (A) against the row above (B); P(A better) is the probability that A is better. ",
       "Version ",
       h("code", {}, short(board.version)),
       ".",
