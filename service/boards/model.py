@@ -6,7 +6,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import ForeignKey, String, UniqueConstraint
+from sqlalchemy import ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from dohyo.service.database.base import Base, now
@@ -114,8 +114,10 @@ class Result(Base):
     """
 
     __tablename__ = "results"
+    __table_args__ = (Index("by_end", "ranking_id", "finished"),)
+
     evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id", ondelete="CASCADE"), primary_key=True)
-    ranking_id: Mapped[str] = mapped_column(ForeignKey("rankings.id"), index=True)
+    ranking_id: Mapped[str] = mapped_column(ForeignKey("rankings.id"))
     entrant: Mapped[str] = mapped_column(String(32))
     track: Mapped[str] = mapped_column(String(20))
     score: Mapped[float]

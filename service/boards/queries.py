@@ -82,7 +82,7 @@ def _is_mixed() -> ColumnElement[bool]:
 def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]:
     """Evaluations by id, with finished drives and the number of lost ones; unknown ids give no entry."""
     query = (
-        select(Evaluation.id, Evaluation.seeds, Evaluation.finished, Evaluation.owner)
+        select(Evaluation.id, Evaluation.seeds, Evaluation.finished, Agent.owner)
         .add_columns(Submission.id, Submission.version, Submission.kind, Submission.track, Agent.name)
         .add_columns(BenchmarkVersion.name, BenchmarkVersion.sha256)
         .select_from(Evaluation)

@@ -32,6 +32,7 @@ from dohyo.service.episodes.archive import archived_path
 from dohyo.service.errors import ConflictError, GoneError, NotFoundError
 from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
+from dohyo.service.mixed_runs.cross_play import CrossPlays
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.model import AgentKind
@@ -53,10 +54,12 @@ class Readers:
 
     Attributes:
         standings: Cached leaderboards.
+        cross_plays: Cached matrices of agents in mixed runs.
         benchmarks: Parsed documents by content hash.
     """
 
     standings: Standings
+    cross_plays: CrossPlays = field(default_factory=CrossPlays)
     benchmarks: Recent[str, AnyBenchmark] = field(default_factory=lambda: Recent(50))
     _counts: tuple[float, tuple[Mapping[str, int], Mapping[str, int]]] | None = None
     _stripes: list[threading.Lock] = field(default_factory=lambda: [threading.Lock() for _ in range(STRIPES)])

@@ -7,7 +7,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
+from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from dohyo.evaluation.benchmarks.documents import family_of
@@ -145,10 +145,14 @@ class Episode(Base):
     """
 
     __tablename__ = "episodes"
-    __table_args__ = (UniqueConstraint("evaluation_id", "position"), Index("by_status", "evaluation_id", "status"))
+    __table_args__ = (
+        UniqueConstraint("evaluation_id", "position"),
+        Index("by_status", "evaluation_id", "status"),
+        Index("by_evaluation", "evaluation_id", "id"),
+    )
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
-    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"), index=True)
+    evaluation_id: Mapped[str] = mapped_column(ForeignKey("evaluations.id"))
     position: Mapped[int]
     scenario: Mapped[str] = mapped_column(String(220))
     cell: Mapped[str] = mapped_column(String(100))
@@ -172,7 +176,10 @@ class Attempt(Base):
     """
 
     __tablename__ = "attempts"
-    __table_args__ = (UniqueConstraint("episode_id", "number"),)
+    __table_args__ = (
+        UniqueConstraint("episode_id", "number"),
+        Index("charged_attempts", "episode_id", sqlite_where=text("charged = 1"), postgresql_where=text("charged")),
+    )
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     episode_id: Mapped[str] = mapped_column(ForeignKey("episodes.id"), index=True)

@@ -252,7 +252,11 @@ def estimate(name: str, drives: Sequence[Drive], lost: int = 0) -> Estimate:
         return estimate_measure(name, lots)
     if name in _ROOTS:
         return root_estimate(mean_estimate([drive.score(name) ** 2 for drive in drives]))
-    values = [*(drive.score(name) for drive in drives), *[0.0] * lost]
+    return estimate_values(name, [*(drive.score(name) for drive in drives), *[0.0] * lost])
+
+
+def estimate_values(name: str, values: Sequence[float]) -> Estimate:
+    """Mean of a score of drives on roads or of mornings, from its values."""
     share = name in SHARES or (name in CLOSED_LOOP_SCORES and set(values) <= {0.0, 100.0})
     return share_estimate([value > 0.0 for value in values]) if share else mean_estimate(values)
 

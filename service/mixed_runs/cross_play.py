@@ -6,71 +6,112 @@ once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
+from sqlalchemy.orm import Session
+
+from dohyo.evaluation.statistics import Estimate
 from dohyo.service.boards.leaderboard import Driver, Entry
-from dohyo.service.evaluations.scoring import Drive, estimate, rank_sign
+from dohyo.service.boards.queries import entries
+from dohyo.service.boards.standings import Recent
+from dohyo.service.evaluations.scoring import Drive, estimate_values, rank_sign
 
-_Drives = dict[tuple[str, str], Drive]
-"""Drives by record and ego, so that each one is there once."""
+Scores = dict[tuple[str, str], float]
+"""Scores of drives by record and ego, so that each drive is there once."""
 
+Meetings = Mapping[tuple[Driver, Driver | None], Scores]
+"""Scores of a driver beside another one; beside itself: in a run alone; beside None: in any mixed run."""
 
-def cross_play(mixed: Sequence[Entry], alone: Sequence[Entry], metric: str) -> dict[str, Any]:
-    """The matrix of the agents of mixed runs, as plain JSON.
-
-    Args:
-        mixed: Mixed runs on one benchmark version.
-        alone: Runs of one agent on it; those of agents without a mixed run are left out.
-        metric: Score that ranks on the benchmark.
-
-    Returns:
-        `agents`: each with its score over all of its mixed drives, the best first. `cells`: the score of `submission`
-        beside `other`, for all pairs that met; with `other` the same, that of its runs alone.
-    """
-    everything: dict[Driver, _Drives] = {}
-    beside: dict[tuple[Driver, Driver], _Drives] = {}
-    for entry in mixed:
-        for drive, own, others in _meetings(entry):
-            everything.setdefault(own, {})[_key(drive)] = drive
-            for other in others:
-                beside.setdefault((own, other), {})[_key(drive)] = drive
-    for entry in alone:
-        if entry.driver in everything:
-            beside.setdefault((entry.driver, entry.driver), {}).update({_key(drive): drive for drive in entry.drives})
-    agents = [{**asdict(driver), **_score(drives, metric)} for driver, drives in everything.items()]
-    agents.sort(key=lambda one: (-rank_sign(metric) * one["score"]["mean"], one["agent"], one["version"]))
-    order = {one["submission"]: place for place, one in enumerate(agents)}
-    cells = [
-        {"submission": own.submission, "other": other.submission, **_score(drives, metric)}
-        for (own, other), drives in beside.items()
-    ]
-    return {
-        "agents": agents,
-        "cells": sorted(cells, key=lambda one: (order[one["submission"]], order[one["other"]])),
-    }
+RUNS: Final = 400
+ESTIMATES: Final = 10_000
+MATRICES: Final = 20
 
 
-def _meetings(entry: Entry) -> Iterator[tuple[Drive, Driver, set[Driver]]]:
-    """Every drive of a mixed run, with its driver and the other drivers of its episode."""
+class CrossPlays:
+    """Matrices of cross-play, in memory with the runs they are made from, since complete runs never change."""
+
+    def __init__(self) -> None:
+        self._runs: Recent[str, Meetings] = Recent(RUNS)
+        self._estimates: Recent[tuple[str, bytes], Estimate] = Recent(ESTIMATES)
+        self._matrices: Recent[tuple[str, ...], dict[str, Any]] = Recent(MATRICES)
+
+    def meetings(self, session: Session, evaluation_ids: Sequence[str], metric: str) -> dict[str, Meetings]:
+        """Meetings in complete runs, by evaluation; unknown ids give none.
+
+        Args:
+            session: To read in.
+            evaluation_ids: Runs on one benchmark version.
+            metric: Score that ranks on the benchmark.
+        """
+        known = {one: self._runs.get(one) for one in evaluation_ids}
+        unknown = [one for one, meetings in known.items() if meetings is None]
+        for one, entry in (entries(session, unknown) if unknown else {}).items():
+            known[one] = meetings = meetings_of(entry, metric)
+            self._runs.put(one, meetings)
+        return {one: meetings for one, meetings in known.items() if meetings is not None}
+
+    def matrix(self, mixed: Mapping[str, Meetings], alone: Mapping[str, Meetings], metric: str) -> dict[str, Any]:
+        """The matrix of the agents of mixed runs, as plain JSON.
+
+        Args:
+            mixed: Meetings in mixed runs on one benchmark version, by evaluation.
+            alone: The same in runs of one agent; those of agents without a mixed run are left out.
+            metric: Score that ranks on the benchmark.
+
+        Returns:
+            `agents`: each with its score over all of its mixed drives, the best first. `cells`: the score of
+            `submission` beside `other`, for all pairs that met; with `other` the same, that of its runs alone.
+        """
+        return self._matrices.get_or_make(
+            (*mixed, *alone), lambda: self._matrix([*mixed.values(), *alone.values()], metric)
+        )
+
+    def _matrix(self, runs: Sequence[Meetings], metric: str) -> dict[str, Any]:
+        beside: dict[tuple[Driver, Driver | None], Scores] = {}
+        for meetings in runs:
+            for pair, scores in meetings.items():
+                beside.setdefault(pair, {}).update(scores)
+        agents = [
+            {**asdict(own), **self._score(scores, metric)} for (own, other), scores in beside.items() if other is None
+        ]
+        agents.sort(key=lambda one: (-rank_sign(metric) * one["score"]["mean"], one["agent"], one["version"]))
+        order = {one["submission"]: place for place, one in enumerate(agents)}
+        cells = [
+            {"submission": own.submission, "other": other.submission, **self._score(scores, metric)}
+            for (own, other), scores in beside.items()
+            if other is not None and own.submission in order
+        ]
+        cells.sort(key=lambda one: (order[one["submission"]], order[one["other"]]))
+        return {"agents": agents, "cells": cells}
+
+    def _score(self, scores: Scores, metric: str) -> dict[str, Any]:
+        """Mean of scores; it is known already where no drive of the pair is new."""
+        values = np.sort(np.fromiter(scores.values(), np.float64))
+        key = metric, hashlib.blake2b(values.tobytes(), digest_size=16).digest()
+        estimate = self._estimates.get_or_make(key, lambda: estimate_values(metric, values.tolist()))
+        return {"score": asdict(estimate), "drives": len(scores), "episodes": len({record for record, _ in scores})}
+
+
+def meetings_of(entry: Entry, metric: str) -> Meetings:
+    """The meetings in one run."""
+    if not entry.others:
+        return {(entry.driver, entry.driver): {_key(drive): drive.score(metric) for drive in entry.drives}}
     episodes: dict[str, list[Drive]] = {}
     for drive in entry.drives:
         episodes.setdefault(drive.episode, []).append(drive)
+    found: dict[tuple[Driver, Driver | None], Scores] = {}
     for drives in episodes.values():
         drivers = {entry.driver_of(drive.ego) for drive in drives}
         for drive in drives:
-            own = entry.driver_of(drive.ego)
-            yield drive, own, drivers - {own}
+            own, key, score = entry.driver_of(drive.ego), _key(drive), drive.score(metric)
+            for other in (None, *(drivers - {own})):
+                found.setdefault((own, other), {})[key] = score
+    return found
 
 
 def _key(drive: Drive) -> tuple[str, str]:
     return drive.record_hash or drive.episode, drive.ego
-
-
-def _score(drives: _Drives, metric: str) -> dict[str, Any]:
-    return {
-        "score": asdict(estimate(metric, list(drives.values()))),
-        "drives": len(drives),
-        "episodes": len({record for record, _ in drives}),
-    }

@@ -14,8 +14,6 @@ from dohyo.service.boards.versions import VersionHash, find_version
 from dohyo.service.episodes.readers import Readers, ReadersOf
 from dohyo.service.errors import NotFoundError
 from dohyo.service.evaluations.access import Aspect, seen_by
-from dohyo.service.mixed_runs.by_agent import drivers_of
-from dohyo.service.mixed_runs.cross_play import cross_play
 from dohyo.service.mixed_runs.views import CrossPlayView
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.documents import Name, problems
@@ -50,16 +48,18 @@ def _cross_play(
         benchmark, versions = find_version(session, readers, name, version)
         if not isinstance(benchmark, Benchmark) or not benchmark.shared_egos:
             raise NotFoundError(f"benchmark '{name}' has no cross-play: each of its egos drives alone")
+        plays, metric = readers.cross_plays, benchmark.headline
         runs = reading.mixed_runs(session, benchmark.sha256, seen, MOST_RUNS)
-        mixed = list(reading.entries(session, runs).values())
-        met = {driver.submission for entry in mixed for driver in drivers_of(entry)}
-        alone = reading.entries(session, reading.runs_alone(session, benchmark.sha256, met, seen, MOST_RUNS)).values()
+        mixed = plays.meetings(session, runs, metric)
+        met = {own.submission for meetings in mixed.values() for own, _ in meetings}
+        runs = reading.runs_alone(session, benchmark.sha256, met, seen, MOST_RUNS)
+        alone = plays.meetings(session, runs, metric)
     return {
         "benchmark": benchmark.name,
         "version": benchmark.sha256,
         "versions": versions,
-        "metric": benchmark.headline,
+        "metric": metric,
         "description": benchmark.metric,
         "runs": len(mixed),
-        **cross_play(mixed, list(alone), benchmark.headline),
+        **plays.matrix(mixed, alone, metric),
     }

@@ -9,8 +9,9 @@ import pytest
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.service.accounts.model import Role
-from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationEgo, EvaluationStatus
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationEgo, EvaluationStatus
 from dohyo.service.mixed_runs import routes
+from dohyo.service.storage.deletion import delete_evaluation
 from tests.evaluation.builders import ego, episode, infraction
 from tests.service.harness import assert_problem
 from tests.service.shop import Shop
@@ -110,6 +111,30 @@ def test_many_runs_of_one_owner_leave_room_for_those_of_others(shop: Shop, monke
     for seed in range(1, 5):
         shop.evaluation(x, [drives(90, 90, 90, seed=seed)], egos=others(west=y), owner="bob", **make)
     assert ("a", "b") in cells(matrix(shop))
+
+
+def test_a_new_run_counts_at_the_next_read_and_a_deleted_one_no_more(shop: Shop) -> None:
+    make = {"benchmark": together(shop), "ranked": False}
+    a, b, c = (shop.submission(name) for name in "abc")
+    shop.evaluation(a, [drives(10, 20, 60)], egos=others(west=b), **make)
+    before = cells(matrix(shop))
+    new, _ = shop.evaluation(a, [drives(30, 40, 80, seed=1)], egos=others(west=c), **make)
+    assert cells(matrix(shop)) == before | {("a", "c"): (35.0, 2, 1), ("c", "a"): (80.0, 1, 1)}
+    with shop.services.database.session() as session:
+        delete_evaluation(session, session.get_one(Evaluation, new))
+    assert cells(matrix(shop)) == before
+
+
+def test_a_run_that_somebody_else_ordered_counts_for_the_same_agent(shop: Shop) -> None:
+    make = {"benchmark": together(shop), "ranked": False}
+    a, b = shop.submission("a"), shop.submission("b")
+    shop.evaluation(a, [drives(10, 20, 60)], egos=others(west=b), **make)
+    shop.evaluation(a, [drives(30, 40, 80, seed=1)], egos=others(west=b), owner="root", **make)
+    document = matrix(shop)
+    assert [(one["agent"], one["owner"], one["drives"]) for one in document["agents"]] == [
+        ("b", "ann", 2),
+        ("a", "ann", 4),
+    ]
 
 
 def test_a_benchmark_without_cross_play_says_so(shop: Shop) -> None:
