@@ -42,6 +42,7 @@ class Ablation(Config):
         asks: The arms.
         told: The thesis's result.
         study: Name of the study whose claims decide it; "": none.
+        tables: Sections that tell it beside claims, as "study:section".
         page: Page of the results, relative to `docs/`.
         found: What is known without claims, or beyond them; "": nothing.
         because: Why we think that it is so; "": nothing to add.
@@ -53,6 +54,7 @@ class Ablation(Config):
     asks: str
     told: str
     study: str = ""
+    tables: tuple[str, ...] = ()
     page: str
     found: str = ""
     because: str = ""
@@ -152,8 +154,16 @@ def _section(one: Decided) -> str:
     links = f"[All results]({ablation.page})." + (
         f" `python -m dohyo.agents.studies {ablation.study} table`" if lines else ""
     )
-    parts = (f"### {_heading(ablation)}", told, table, ablation.found, ablation.because, links)
+    sections = [_table(name) for name in ablation.tables]
+    parts = (f"### {_heading(ablation)}", told, table, *sections, ablation.found, ablation.because, links)
     return "\n\n".join(part for part in parts if part)
+
+
+def _table(name: str) -> str:
+    """A section of a study, from its stored rows."""
+    study, _, section = name.partition(":")
+    found = study_named(study)
+    return found.tables[section](found.read(found.stored))
 
 
 def _where(one: Judgement) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from dohyo.agents.hierarchical.study.driving import drive
+from dohyo.agents.hierarchical.study.gap import gap_section
 from dohyo.agents.hierarchical.study.tables import arms_section, judged, rows_of, unseen_section
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.rows import Row
@@ -101,6 +102,7 @@ STUDY = Study(
         "benchmarks": arms_section(*MAIN),
         "other-arms": arms_section("ghrl", "ghrl-r-trained", "flat", "flat-guided", "ghrl-pictures", "ghrl-r-pictures"),
         "unseen-traffic": unseen_section,
+        "gap": gap_section,
     },
     judged=lambda results: judged(rows_of(results, MAIN)),
 )
