@@ -51,7 +51,7 @@ class DrivingTask(Task):
     first: int = HELD_OUT_FROM
     repeat: int = REPEAT
 
-    measures = ("completed", *End)
+    measures = ("completed", *(end.value for end in End))
     has_expert = True
     alone = True
 

@@ -30,9 +30,12 @@ def save_checkpoint(folder: Path, steps: int, state: dict[str, Any]) -> Path:
 
     Raises:
         OSError: The disk refuses; earlier checkpoints are untouched.
+        UnpicklingError: The state holds something else, such as an enum's member, which no run could read again.
     """
     buffer = io.BytesIO()
     torch.save(state, buffer)
+    buffer.seek(0)
+    torch.load(buffer, map_location="cpu", weights_only=True)
     path = folder / f"checkpoint-{steps:012d}.pt"
     write_atomically(path, buffer.getvalue())
     for old in _checkpoints(folder)[KEPT:]:

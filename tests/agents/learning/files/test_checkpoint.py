@@ -6,6 +6,7 @@ import os
 import pickle
 import signal
 import time
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,16 @@ def test_the_newest_two_are_kept_and_the_newest_is_read(tmp_path):
 def test_there_may_be_none_yet(tmp_path):
     (tmp_path / "checkpoint-3.pt.tmp").write_bytes(b"no name of ours")
     assert load_checkpoint(tmp_path) is None
+
+
+class Ending(StrEnum):
+    COLLISION = "collision"
+
+
+def test_a_state_that_could_not_be_read_again_is_refused_and_nothing_is_written(tmp_path):
+    with pytest.raises(pickle.UnpicklingError, match="Ending"):
+        save_checkpoint(tmp_path, 1, {"measures": {Ending.COLLISION: 1.0}})
+    assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize("step", ["write", "sync", "rename"])
