@@ -281,20 +281,6 @@ def test_the_experts_readme_has_their_specs() -> None:
         assert rows["control"][column].strip(" `") == spec.control
 
 
-def test_the_container_does_what_the_readme_says() -> None:
-    dockerfile, compose = text("Dockerfile"), text("compose.yaml")
-    found = re.search(r"^SYSTEM_PACKAGES := (.+)$", text("Makefile"), re.MULTILINE)
-    assert found
-    assert set(found[1].split()) <= set(re.split(r"\s+", dockerfile))
-    assert re.search(r"^RUN make setup$", dockerfile, re.MULTILINE)
-    assert 'CMD ["make", "demo"]' in dockerfile
-    assert re.search(r"^USER (?!0|root)", dockerfile, re.MULTILINE)
-    assert '"make", "demo", "REPORT=out/report.html"' in compose
-    home = re.search(r"^WORKDIR (\S+)$", dockerfile, re.MULTILINE)
-    assert home
-    assert f"./out:{home[1]}/out" in compose
-
-
 def test_ci_runs_lint_site_and_tests_without_a_terminal() -> None:
     ci = ROOT / ".ci/run"
     assert ci.stat().st_mode & 0o111
