@@ -10,7 +10,7 @@ RESULTS := out/quickstart
 SYSTEM_PACKAGES := libgl1 libx11-6 libxext6 libxrender1 libatomic1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench docs picture clean
+.PHONY: help setup demo test lint bench docs picture image release clean
 .DELETE_ON_ERROR:
 
 help:  ## List the targets
@@ -44,6 +44,12 @@ docs: $(INSTALLED)  ## Build the documentation site in build/docs; every warning
 
 picture: $(INSTALLED)  ## Draw the README's picture from a drive of each demo agent
 	@$(BIN)/python docs/pictures/picture.py
+
+image:  ## Build the container's image by buildah and try it, as root
+	@.ci/image
+
+release: $(INSTALLED)  ## Make dist/VERSION from the commit: wheel, sdist, notes and checksums
+	@$(BIN)/python .ci/release.py
 
 clean:  ## Remove the virtual environment, the report and caches; results in out/ stay
 	@rm -rf $(VENV) report.html bench.json build *.egg-info .pytest_cache .mypy_cache .ruff_cache \
