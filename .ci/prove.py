@@ -43,8 +43,8 @@ def main() -> None:
     prove_modules()
     prove_service(command, health)
     prove_demo()
-    for agent in ("ghrl", "mbappe"):  # networks of torch, in an option's policy and in a tree search
-        run("dohyo", "evaluate", "--agent", agent, "--benchmark", "quickstart", "--seeds", "0", "--sample", "1")
+    for agent in ("ghrl", "mbappe"):  # learned networks, in options' policies and in a tree search
+        prove_drives(agent, "--seeds", "0", "--sample", "1")
     prove_import()
 
 
@@ -121,10 +121,17 @@ def prove_evaluation() -> None:
 def prove_demo() -> None:
     """What compose.yaml runs as `demo`: two agents and their report."""
     for agent in ("autopilot", "reckless"):
-        run("dohyo", "evaluate", "--agent", agent, "--benchmark", "quickstart", "--out", f"out/{agent}")
+        prove_drives(agent, "--out", f"out/{agent}")
     run("dohyo", "report", "out/autopilot", "out/reckless", "--out", "out/report.html")
     report = Path("out/report.html").read_text(encoding="utf-8")
     check("plotly" in report.lower() and len(report) > 1e6, f"report.html has {len(report) / 1e6:.1f} MB")
+
+
+def prove_drives(agent: str, *options: str) -> None:
+    """An agent drives, and never fails as a program."""
+    said = json.loads(run("dohyo", "evaluate", "--agent", agent, "--benchmark", "quickstart", *options, "--json"))
+    failed = [drive["failure"] for drive in said["drives"] if drive["failure"]]
+    check(bool(said["drives"]) and not failed, f"{len(said['drives'])} drives of {agent}, failed: {failed}")
 
 
 def prove_import() -> None:

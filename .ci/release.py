@@ -152,7 +152,8 @@ def release(root: Path, out: Path | None) -> None:
         shutil.rmtree(out, ignore_errors=True)
         shutil.copytree(made, out)
     print((out / "SHA256SUMS").read_text(encoding="utf-8"), end="")
-    print(f"dohyo: {out} has the release; its commit gets the tag by: git tag -a v{version} -F {out / 'NOTES.md'}")
+    tag = f"git tag -a v{version} --cleanup=verbatim -F {out / 'NOTES.md'}"
+    print(f"dohyo: {out} has the release; its commit gets the tag by: {tag}")
 
 
 def _backend(hook: str, out: Path, source: Path, environment: dict[str, str]) -> None:
