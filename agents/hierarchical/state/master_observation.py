@@ -11,6 +11,7 @@ from dohyo.agents.planning.surroundings import Surroundings, warm_up
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.agents.rules.facts import SENSORS
 from dohyo.agents.rules.rules_only import RulesOnly
+from dohyo.agents.safety.line_monitor import LineMonitor
 from dohyo.evaluation.agent import Mission, Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 
@@ -43,7 +44,7 @@ class MasterObservation:
             state: Configuration of the state.
             rules: Drive in critical intervals.
         """
-        self.encoder, self.rules = StateEncoder(state), rules
+        self.encoder, self.rules, self._lines = StateEncoder(state), rules, LineMonitor()
         self.sensors = tuple(dict.fromkeys((*SENSORS, *self.encoder.sensors)))
         self.seen: Observation = {}
         self.believed: Observation = {}
@@ -69,12 +70,13 @@ class MasterObservation:
         self.available: BoolArray = np.zeros(len(OPTIONS), dtype=np.bool_)
         self.finished, self._fresh, self._ticks = False, True, 0
         self._course, self._was_critical = Course(), False
+        self._lines.reset()
         self._followed: Manoeuvre | None = None
 
     @property
     def critical(self) -> bool:
         """Whether the rules drive."""
-        return self.rules is not None and self.rules.watch.critical
+        return self.rules is not None and (self.rules.watch.critical or self._lines.critical)
 
     @property
     def offset(self) -> float:
@@ -105,6 +107,7 @@ class MasterObservation:
         self._was_critical = self.critical
         if self.rules is not None:
             self.rules.observe(self.seen)
+            self._lines.update(speed, self.seen["junctions_ahead"])
 
     def follow(self, option: Manoeuvre) -> None:
         """Sets the path of an option; must be called in every tick that the option drives."""
