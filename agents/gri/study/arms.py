@@ -75,6 +75,13 @@ PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
             None,
             shown=60,
         ),
+        "driving-full": Problem(
+            "driving-state",
+            ("steps=100000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=20"),
+            (*_DRIVING_SIZES, "exploration_steps=20000"),
+            None,
+            shown=60,
+        ),
         "cheetah-full": _mujoco("HalfCheetah-v5"),
         "walker-full": _mujoco("Walker2d-v5"),
     }
@@ -149,18 +156,18 @@ def _noisy(problem: str, *percents: int) -> dict[str, GriArm]:
     }
 
 
-def _driving() -> dict[str, GriArm]:
+def _driving(problem: str, longer: int) -> dict[str, GriArm]:
     """Row 4: GRIAD, its algorithm alone with as many steps and with a third more, and the negative controls."""
     shown = ("demo_reward=1.0", "unit=steps")
     sqil = ("p_demo=0.5", "explorer_reward=0.0", *shown)
     arms = {
-        "p0": GriArm("driving", "iqn", ("p_demo=0.0",), "IQN alone"),
-        "p0-long": GriArm("driving", "iqn", ("p_demo=0.0",), "IQN alone, longer", ("steps=28000",)),
-        "p25": GriArm("driving", "iqn", ("p_demo=0.25", *shown), "GRIAD, 3 to 1"),
-        "p100": GriArm("driving", "iqn", ("p_demo=1.0", *shown), "IQN, demonstrations only"),
-        "sqil": GriArm("driving", "iqn", sqil, "SQIL", ("iqn.demonstrated_share=0.5",)),
+        "p0": GriArm(problem, "iqn", ("p_demo=0.0",), "IQN alone"),
+        "p0-long": GriArm(problem, "iqn", ("p_demo=0.0",), "IQN alone, longer", (f"steps={longer}",)),
+        "p25": GriArm(problem, "iqn", ("p_demo=0.25", *shown), "GRIAD, 3 to 1"),
+        "p100": GriArm(problem, "iqn", ("p_demo=1.0", *shown), "IQN, demonstrations only"),
+        "sqil": GriArm(problem, "iqn", sqil, "SQIL", ("iqn.demonstrated_share=0.5",)),
     }
-    return {f"driving-iqn-{name}": arm for name, arm in arms.items()}
+    return {f"{problem}-iqn-{name}": arm for name, arm in arms.items()}
 
 
 ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
@@ -169,7 +176,8 @@ ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
         **_shares("pendulum", "ddpg", 0, 20),
         **_noisy("pendulum", 10, 30),
         **_shares("cheetah", "sac", 0, 10, 20, 40),
-        **_driving(),
+        **_driving("driving", 28_000),
+        **_driving("driving-full", 140_000),
         **_shares("cheetah-full", "sac", 0, 10, 20, 30, 40, 60),
         **_shares("cheetah-full", "ddpg", 0, 20),
         **_noisy("cheetah-full", 10, 30),
