@@ -15,6 +15,7 @@ from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
 from dohyo.agents.studies.rows import read_rows
 from dohyo.service.cli.output import console
+from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -33,6 +34,7 @@ def run(
     edition: EditionFile = DOCUMENT,
 ) -> None:
     """Drives every entrant in every discipline. Run again, it continues where it stopped."""
+    find_own_modules()
     names = [text.split(",") if text else [] for text in (disciplines, entrants)]
     chosen = read_edition(edition)
     count = len(league.chosen_of(chosen, *names))
@@ -70,6 +72,7 @@ def verify(
     edition: EditionFile = DOCUMENT,
 ) -> None:
     """Drives rows of the league again. Exit code 1 if the hash of a record differs."""
+    find_own_modules()
     wanted = set(disciplines.split(",")) if disciplines else None
     chosen = [row for row in _stored(rows) if wanted is None or row["benchmark"] in wanted]
     same = True
