@@ -2,7 +2,8 @@
 
 A worker writes each record itself, so that finished records survive the death of any other process. The parent assigns
 jobs and supervises: it replaces a dead worker and tries its job once more, and it ends a worker whose agent never
-returns. In a mixed run the other agents then drive again without that one. A worker whose parent has died ends itself.
+returns. In a mixed run the other agents then drive again without that one, as they do without an agent in whose calls
+the worker died twice. A worker whose parent has died ends itself.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import TrajectoryRecorder
-from dohyo.evaluation.running.job import KILL_GRACE_S, MAX_ATTEMPTS, NEVER_RETURNED, POLL_S, Job
-from dohyo.sumo_networks.errors import AgentTimeoutError, InvalidInputError
+from dohyo.evaluation.running.job import DIED_TWICE, KILL_GRACE_S, MAX_ATTEMPTS, NEVER_RETURNED, POLL_S, Job
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.processes import worker_context, worker_process
 from dohyo.sumo_networks.routes.routing import plan_route
@@ -116,7 +117,7 @@ class Worker:
 
     def collect(self, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
         """The finished record, or one for a job that cannot be finished; None if the job will be tried again."""
-        job, hangs, ego = self.job, self.hangs(), self.called.value
+        job, hangs, ego, in_call = self.job, self.hangs(), self.called.value, self.must_end_by.value > 0
         assert job is not None
         answer = self._answer()
         self.job = None
@@ -133,8 +134,12 @@ class Worker:
                 return lost_episode(job, Status.AGENT_DEADLINE, NEVER_RETURNED)
             pending.append((others, self.attempt))
             return None
+        following = job.after_death(ego) if in_call and answer is None else None
+        if following is not None and following.suspect is None:
+            pending.append((following, 1))
+            return None
         if self.attempt < MAX_ATTEMPTS:
-            pending.append((job, self.attempt + 1))
+            pending.append((following or job, self.attempt + 1))
             return None
         return lost_episode(job, Status.SIMULATION, failure)
 
@@ -215,7 +220,7 @@ def _work(pipe: Connection, must_end_by: Synchronized[float], called: Synchroniz
 
 
 class Hung(Agent):
-    """Stands for an agent that had to be ended with its process: it fails at once, as that one did."""
+    """Stands for an agent that ended with its process: it fails at once, as that one did."""
 
     spec = AgentSpec(name="hung", track="sensors", sensors=("speedometer",), control="lane_command")
 
@@ -224,12 +229,13 @@ class Hung(Agent):
         self._why = why
 
     def reset(self, mission: Mission, seed: int) -> None:
-        """Raises AgentTimeoutError."""
-        raise AgentTimeoutError(self._why)
+        """Raises AgentTimeoutError, unless the agent's process died."""
+        if self._why != DIED_TWICE:
+            raise AgentTimeoutError(self._why)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Raises AgentTimeoutError."""
-        raise AgentTimeoutError(self._why)
+        """Raises AgentError."""
+        raise AgentError(self._why)
 
     def close(self) -> None:
         """Does nothing: it holds no resources."""

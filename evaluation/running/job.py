@@ -13,6 +13,7 @@ MAX_ATTEMPTS = 2
 KILL_GRACE_S = 5.0
 POLL_S = 0.5
 NEVER_RETURNED = "agent never returned; its process was ended"
+DIED_TWICE = "the process died twice while the agent was called"
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +27,9 @@ class Job:
         directory: Folder of the record.
         stem: File name without suffix.
         act_deadline_s: Wall-clock time allowed for one decision, s.
-        hung: Why an agent is at fault that had to be ended with its process, by ego. These egos drive no more, and the
-            other agents drive without them.
+        hung: Why an agent is at fault that ended with its process, by ego. These egos drive no more, and the other
+            agents drive without them.
+        suspect: In a mixed run, ego whose agent was called when the process died; None: no process has died.
     """
 
     scenario: Scenario
@@ -37,9 +39,10 @@ class Job:
     stem: str
     act_deadline_s: float
     hung: Mapping[str, str] = field(default_factory=dict)
+    suspect: str | None = None
 
     def without(self, ego: int, why: str) -> Job | None:
-        """The job without the agent that had to be ended with its process, for the other agents to drive again.
+        """The job without the agent that ended with its process, for the other agents to drive again.
 
         Args:
             ego: Number of an ego of that agent; all of its egos are at fault.
@@ -50,4 +53,21 @@ class Job:
         """
         culprit = self.infos[self.scenario.missions[ego].name]
         hung = {**self.hung, **{name: why for name, info in self.infos.items() if info == culprit}}
-        return replace(self, hung=hung) if len(self.hung) < len(hung) < len(self.infos) else None
+        return replace(self, hung=hung, suspect=None) if len(self.hung) < len(hung) < len(self.infos) else None
+
+    def after_death(self, ego: int) -> Job | None:
+        """The job after its process died while an agent of a mixed run was called.
+
+        Args:
+            ego: Number of the ego whose agent was called.
+
+        Returns:
+            The same job once more; after two deaths with the same agent the job without that agent. None with agents
+            that differ, and where no other agent drives: nobody can be blamed.
+        """
+        others, name = self.without(ego, DIED_TWICE), self.scenario.missions[ego].name
+        if others is None:
+            return None
+        if self.suspect is None:
+            return replace(self, suspect=name)
+        return others if self.infos[self.suspect] == self.infos[name] else None

@@ -37,7 +37,8 @@ class EpisodeOrder(Config):
         remote: Whether a policy worker decides.
         slow_policy: Whether the simulation waits for a slow worker, or goes on with its last decision.
         agent_seed: Seed that a remote agent is given; the seeds of traffic and events do not follow from it.
-        hung: Why an agent of a mixed run is at fault that had to be ended with its process, by ego.
+        hung: Why an agent of a mixed run is at fault that ended with its process, by ego.
+        suspect: In a mixed run, ego whose agent was called when the process died; None: no process has died.
         verdict: Status and reason of an episode that is recorded without driving.
     """
 
@@ -52,6 +53,7 @@ class EpisodeOrder(Config):
     slow_policy: Literal["wait", "realtime"] = "wait"
     agent_seed: int = 0
     hung: dict[str, str] = Field(default_factory=dict)
+    suspect: str | None = None
     verdict: tuple[Status, str] | None = None
 
     def told(self, version: int) -> dict[str, Any]:
@@ -130,7 +132,9 @@ class EpisodeOrder(Config):
         if not isinstance(self.scenario, Scenario):
             raise InvalidInputError(f"expected an episode on roads, got a {self.scenario.name}")
         return Job(
-            *(self.scenario, self.infos, self.benchmark, self.directory, self.stem, self.act_deadline_s), self.hung
+            *(self.scenario, self.infos, self.benchmark, self.directory, self.stem, self.act_deadline_s),
+            self.hung,
+            self.suspect,
         )
 
     def without(self, ego: int, why: str) -> EpisodeOrder | None:
@@ -140,8 +144,14 @@ class EpisodeOrder(Config):
             ego: Number of an ego of that agent.
             why: Reason, for the record.
         """
-        others = self.job.without(ego, why) if self.others else None
-        return self.model_copy(update={"hung": dict(others.hung)}) if others is not None else None
+        return self._changed(self.job.without(ego, why)) if self.others else None
+
+    def after_death(self, ego: int) -> EpisodeOrder | None:
+        """The order after its process died while an agent was called; see `Job.after_death`."""
+        return self._changed(self.job.after_death(ego)) if self.others else None
+
+    def _changed(self, job: Job | None) -> EpisodeOrder | None:
+        return self.model_copy(update={"hung": dict(job.hung), "suspect": job.suspect}) if job is not None else None
 
 
 def agent_seed(secret: str, position: int) -> int:

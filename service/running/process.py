@@ -60,7 +60,8 @@ class Outcome:
     Attributes:
         end: Kind of the end.
         text: Reason, where it did not finish.
-        ego: Of an agent that never returned: number of an ego that it drives.
+        ego: Of an agent that never returned, or was called when the process died: number of an ego that it drives.
+        in_call: Whether an agent was called when the process died.
         last: Of a remote episode that finished: its last tick, as `remote.SEEN`, and further bytes of its program.
     """
 
@@ -68,6 +69,7 @@ class Outcome:
     text: str = ""
     last: bytes = b""
     ego: int = 0
+    in_call: bool = False
 
 
 class EpisodeProcess:
@@ -210,7 +212,8 @@ class EpisodeProcess:
         if self._process is not None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = self._process.wait(0.05)  # the channel closes shortly before the process ends
-        self._end(Outcome(End.DIED, f"episode process ended with code {code}"))
+        ego, in_call = (0, False) if self._gauge is None else (self._gauge.ego, self._gauge.due > 0.0)
+        self._end(Outcome(End.DIED, f"episode process ended with code {code}", ego=ego, in_call=in_call))
         self.kill()
 
     def _end(self, outcome: Outcome) -> None:

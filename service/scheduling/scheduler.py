@@ -233,8 +233,8 @@ class Scheduler:
             await self._fail(ticket, str(error))
             return
         outcome = Outcome(End.HUNG, USED_UP) if ticket.used_up else await self._in_process(order, live)
-        while outcome.end is End.HUNG and (others := order.without(outcome.ego, outcome.text)) is not None:
-            outcome, order = await self._in_process(others, live), others
+        while (following := _without_culprit(order, outcome)) is not None:
+            outcome, order = await self._in_process(following, live), following
         if outcome.end in OUTCOMES:
             if await self._results.give_up(ticket, outcome, live.processor_s) is not Next.AGENT_FAULT:
                 return
@@ -308,3 +308,10 @@ class Scheduler:
         while True:
             await asyncio.sleep(SWEEP_S)
             self.leases.sweep()
+
+
+def _without_culprit(order: EpisodeOrder, outcome: Outcome) -> EpisodeOrder | None:
+    """What to drive next in a mixed run whose process an agent has ended; None: nobody can be blamed, or nobody is."""
+    if outcome.end is End.HUNG:
+        return order.without(outcome.ego, outcome.text)
+    return order.after_death(outcome.ego) if outcome.in_call else None
