@@ -2,7 +2,8 @@
 
 On each machine, small Ray actors have one worker process each. It is the worker of the process pool, which handles
 failures of agents and deaths of workers. A job that Ray loses with an actor or a machine is tried once more elsewhere.
-Machines need not share a disk: actors send records and trajectories, and the driver writes them.
+Ray may lose an answer for ever where a link was down; so the driver asks actors whether they still drive. Machines need
+not share a disk: actors send records and trajectories, and the driver writes them.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import os
 import socket
 import sys
 import tempfile
+import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -31,10 +34,17 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 
 CONNECT_S = 10.0
+BEAT_S = 10.0
+"""Time between two checks of the actors that drive."""
+SILENCE_S = 30.0
+"""Time that an actor has for the answer to a check."""
+GRACE_S = 5.0
+"""Time that the answer to a call may take after the end of that call."""
 LOCAL = "local"
 LOCAL_CLUSTER = {"include_dashboard": False, "_system_config": {"worker_niceness": 0}}
 """Options of a cluster on this machine; Ray's niceness of 15 would let other programs make agents miss deadlines."""
 THREADS = "OMP_NUM_THREADS"
+NO_ANSWER = "an actor drives no more and gives no answer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +135,8 @@ class _Crew:
 
     def __init__(self, ray: Any, count: int) -> None:
         self._ray = ray
-        self._actor = ray.remote(num_cpus=1, max_restarts=0)(Station)
+        self._actor = as_actor(ray, Station)
+        self._checked = time.monotonic()
         self._tasks: dict[
             Any, tuple[Any, Job | None, int]
         ] = {}  # by Ray's reference to the result: actor, its job, attempt
@@ -139,8 +150,8 @@ class _Crew:
         left = len(jobs)
         try:
             while left:
-                for answer in self._ray.wait(list(self._tasks))[0]:
-                    record = self._collect(answer, pending)
+                answers = self._ray.wait(list(self._tasks), timeout=BEAT_S)[0]
+                for record in (*(self._collect(one, pending) for one in answers), *self._give_up_lost(pending)):
                     if record is not None:
                         left -= 1
                         yield record
@@ -162,7 +173,7 @@ class _Crew:
             if isinstance(cause, InvalidInputError):
                 raise InvalidInputError(str(cause)) from None
             self._ray.kill(actor)
-            return self._without_actor(job, attempt, pending, error)
+            return self._without_actor(job, attempt, pending, first_line(error))
         if pending:
             following, tries = pending.popleft()
             self._tasks[actor.drive.remote(following)] = (actor, following, tries)
@@ -170,11 +181,21 @@ class _Crew:
             self._ray.kill(actor)
         return None if job is None else write_here(job, *result)
 
+    def _give_up_lost(self, pending: deque[tuple[Job, int]]) -> Iterator[EpisodeRecord | None]:
+        """Ends actors whose answer will never come, as if Ray had said so."""
+        if time.monotonic() < self._checked + BEAT_S:
+            return
+        driving = {call: actor for call, (actor, job, _) in self._tasks.items() if job is not None}
+        for call in lost_calls(self._ray, driving):
+            actor, job, attempt = self._tasks.pop(call)
+            self._ray.kill(actor)
+            yield self._without_actor(job, attempt, pending, NO_ANSWER)
+        self._checked = time.monotonic()
+
     def _without_actor(
-        self, job: Job | None, attempt: int, pending: deque[tuple[Job, int]], error: Exception
+        self, job: Job | None, attempt: int, pending: deque[tuple[Job, int]], reason: str
     ) -> EpisodeRecord | None:
         """Tries the job of an actor that Ray has lost once more, or returns the record of a lost episode."""
-        reason = first_line(error)
         if job is None:
             self._failed_starts += 1
             if self._failed_starts > MAX_ATTEMPTS:
@@ -185,6 +206,38 @@ class _Crew:
         if job is None or attempt < MAX_ATTEMPTS:
             return None
         return lost_episode(job, Status.SIMULATION, f"Ray lost its worker: {reason}")
+
+
+def as_actor(ray: Any, station: type[Station]) -> Any:
+    """A station as a class of Ray actors, which answer checks while they drive."""
+    return ray.remote(num_cpus=1, max_restarts=0, max_concurrency=2)(station)
+
+
+def lost_calls(ray: Any, calls: Mapping[Any, Any]) -> list[Any]:
+    """Calls of stations that will never be answered.
+
+    After a link was down for a while, Ray may know an actor as alive and never deliver its answer.
+
+    Args:
+        ray: The module.
+        calls: Actor of each call, by Ray's reference to the result.
+
+    Returns:
+        Calls whose station does not answer a check, or has ended them without an answer here.
+    """
+    checks = {call: actor.has_ended.remote(call.task_id().hex()) for call, actor in calls.items()}
+    if checks:
+        ray.wait(list(checks.values()), num_returns=len(checks), timeout=SILENCE_S)
+    ended = [call for call, check in checks.items() if _is_ended(ray, check)]
+    return ray.wait(ended, num_returns=len(ended), timeout=GRACE_S)[1] if ended else []
+
+
+def _is_ended(ray: Any, check: Any) -> bool:
+    """What a check says; True if it says nothing."""
+    try:
+        return bool(ray.get(check, timeout=0))
+    except ray.exceptions.RayError:  # too late, or the actor is lost
+        return True
 
 
 class Station:
@@ -201,10 +254,22 @@ class Station:
         if threads is not None:
             os.environ[THREADS] = threads
         sys.path += [entry for entry in search_path if entry not in sys.path and Path(entry).exists()]
-        self._worker = Worker()
+        self._worker, self._ended = Worker(), set[str]()
 
     def ready(self) -> None:
         """Returns once the actor is running."""
+
+    def has_ended(self, call: str) -> bool:
+        """Whether a call that drives has ended, by the identifier of its task."""
+        return call in self._ended
+
+    @contextmanager
+    def ending(self) -> Iterator[None]:
+        """Notes the end of the call around it."""
+        try:
+            yield
+        finally:
+            self._ended.add(require_ray().get_runtime_context().get_task_id())
 
     def drive(self, job: Job) -> tuple[EpisodeRecord, dict[str, Any]]:
         """Drives one job.
@@ -212,7 +277,7 @@ class Station:
         Returns:
             The record of the job, and the fields of its trajectory.
         """
-        with tempfile.TemporaryDirectory(prefix="dohyo-") as folder:
+        with self.ending(), tempfile.TemporaryDirectory(prefix="dohyo-") as folder:
             here = dataclasses.replace(job, directory=Path(folder))
             (record,) = drive_all([here], [self._worker])
             trajectory = read_trajectory(here.directory / f"{here.stem}.json")

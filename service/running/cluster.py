@@ -15,7 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.running.ray_executor import THREADS, Station, connect, first_line, require_ray, write_here
+from dohyo.evaluation.running.ray_executor import (
+    BEAT_S,
+    NO_ANSWER,
+    THREADS,
+    Station,
+    as_actor,
+    connect,
+    first_line,
+    lost_calls,
+    require_ray,
+    write_here,
+)
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE
 from dohyo.service.running.order import EpisodeOrder, checked_job
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
@@ -58,19 +69,28 @@ class Cluster:
             InvalidInputError: The order cannot be driven, or the machines have different versions.
             SimulationError: Ray lost the actor or its machine.
         """
-        if self._station is None:
-            remote = self._ray.remote(num_cpus=1, max_restarts=0)(PolicyStation)
-            self._station = remote.remote(tuple(sys.path), os.environ.get(THREADS))
+        policies = _policies_of(order)
         try:
-            record, columns = self._ray.get(self._station.drive_order.remote(order, _policies_of(order)))
+            if self._station is None:
+                self._station = as_actor(self._ray, PolicyStation).remote(tuple(sys.path), os.environ.get(THREADS))
+                self._ray.get(self._station.ready.remote())
+            call = self._station.drive_order.remote(order, policies)
+            while not self._ray.wait([call], timeout=BEAT_S)[0]:
+                if lost_calls(self._ray, {call: self._station}):
+                    raise self._lost(NO_ANSWER)
+            record, columns = self._ray.get(call)
         except self._ray.exceptions.RayError as error:
             cause = getattr(error, "cause", None)
             if isinstance(cause, InvalidInputError):
                 raise InvalidInputError(str(cause)) from None
-            self._ray.kill(self._station)
-            self._station = None
-            raise SimulationError(f"Ray lost its worker: {first_line(error)}") from error
+            raise self._lost(first_line(error)) from error
         write_here(order.job, record, columns)
+
+    def _lost(self, why: str) -> SimulationError:
+        """Gives the actor up; the error that says why."""
+        self._ray.kill(self._station)
+        self._station = None
+        return SimulationError(f"Ray lost its worker: {why}")
 
 
 class PolicyStation(Station):
@@ -92,9 +112,10 @@ class PolicyStation(Station):
         Raises:
             InvalidInputError: The agent's code on this machine differs from the submitted one.
         """
-        for name, content in policies.items():
-            Path(self._policies.name, name).write_bytes(content)
-        return self.drive(checked_job(order))
+        with self.ending():
+            for name, content in policies.items():
+                Path(self._policies.name, name).write_bytes(content)
+            return self.drive(checked_job(order))
 
 
 def _policies_of(order: EpisodeOrder) -> dict[str, bytes]:

@@ -124,10 +124,10 @@ class DiesOnce(Steady):
         return np.array([6.0, 0.0])
 
 
-def kill_the_actor() -> None:
-    """Ends the Ray actor that started the server from which this process was forked."""
+def kill_the_actor(number: int = signal.SIGKILL) -> None:
+    """Sends a signal to the Ray actor that started the server from which this process was forked."""
     server = Path(f"/proc/{os.getppid()}/stat").read_text()
-    os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
+    os.kill(int(server.rpartition(")")[2].split()[1]), number)
 
 
 class DiesAlways(Steady):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_trajectory
+from dohyo.evaluation.running import ray_executor
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.job import Job
 from dohyo.evaluation.running.ray_executor import LOCAL_CLUSTER, RayExecutor
@@ -39,6 +41,16 @@ class KillsItsActorOnce(Steady):
         if self.seed == 1 and not self.marker.exists():
             self.marker.touch()
             kill_the_actor()
+        return np.array([6.0, 0.0])
+
+
+class StopsItsActorOnce(KillsItsActorOnce):
+    """Silences the actor, of which Ray says nothing, as after a link was down."""
+
+    def misbehave(self) -> np.ndarray:
+        if self.seed == 1 and not self.marker.exists():
+            self.marker.touch()
+            kill_the_actor(signal.SIGSTOP)
         return np.array([6.0, 0.0])
 
 
@@ -92,8 +104,15 @@ def test_a_cluster_gives_the_records_of_the_process_pool(cluster: Any, tmp_path:
     assert run_benchmark(benchmark(), STEADY, out=tmp_path / "ray", executor=RayExecutor()).resumed == 4
 
 
-@pytest.mark.parametrize("agent", ["tests.evaluation.agents:DiesOnce", f"{__name__}:KillsItsActorOnce"])
-def test_what_dies_once_is_driven_again(cluster: Any, tmp_path: Path, agent: str) -> None:
+@pytest.mark.parametrize(
+    "agent",
+    ["tests.evaluation.agents:DiesOnce", f"{__name__}:KillsItsActorOnce", f"{__name__}:StopsItsActorOnce"],
+)
+def test_what_dies_or_falls_silent_once_is_driven_again(
+    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agent: str
+) -> None:
+    monkeypatch.setattr(ray_executor, "BEAT_S", 1.0)
+    monkeypatch.setattr(ray_executor, "SILENCE_S", 5.0)
     settings = {"marker": str(tmp_path / "marker")}
     crashed = run_benchmark(
         benchmark(1), agent, settings=settings, out=tmp_path / "crashed", executor=RayExecutor(workers=2)
