@@ -25,7 +25,7 @@ class PolicyAgent:
         files: The policy, whose digest records state.
     """
 
-    def __init__(self, policy: str | Path = ONE) -> None:
+    def __init__(self, policy: Path = Path(ONE)) -> None:
         """Reads the policy.
 
         Args:
