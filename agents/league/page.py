@@ -39,7 +39,7 @@ _RULES: Final = """## Rules
 * Seeds and samples stand in `edition.toml` in `agents/league/editions/` and were fixed before the first drive. No agent was trained, tuned or chosen on them. Forecasts have fixed days, and planners were developed on other excerpts.
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 % after Holm's correction over all pairs of a discipline. Intervals are 95 % bootstraps over drives, not corrected.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
-* Times are of the machine of the run, and say only which agent is slow.
+* Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
 * `dohyo league run` resumes; `dohyo league verify --sample 2` drives two rows of everybody again and compares the hashes of the records.
 * Numbers of the sources were measured in other simulators, with other traffic and roads. They stand here to be seen, not to be compared."""  # noqa: E501
 

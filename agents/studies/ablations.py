@@ -125,8 +125,11 @@ This page is made from stored rows: `python -m dohyo.agents.studies.ablations --
 def _counts(found: Iterable[Decided]) -> str:
     claims = Counter(one.verdict for each in found for one in each.judged)
     open_ = sum(not each.judged for each in found)
-    told = ", ".join(f"{claims[one]} {one}" for one in ("reproduced", "contradicted", "not resolved"))
-    return f"Of {claims.total()} claims that stored rows judge, {told}. {open_} ablations have no stored rows so far."
+    reproduced, contradicted, unresolved = (claims[one] for one in ("reproduced", "contradicted", "not resolved"))
+    return (
+        f"Of {claims.total()} claims that stored rows judge, {reproduced} are reproduced, {contradicted} contradicted "
+        f"and {unresolved} not resolved. {open_} ablations have no judged claim so far."
+    )
 
 
 def _overview(found: Iterable[Decided]) -> str:

@@ -45,7 +45,7 @@ def test_a_comparison_is_reproduced_only_if_all_of_its_claims_are() -> None:
 
 def test_the_page_counts_the_claims_and_names_missing_trainings() -> None:
     text = page([decided(5.0, -7.0), decided()])
-    assert "Of 2 claims that stored rows judge, 1 reproduced, 1 contradicted, 0 not resolved. 1 ablations" in text
+    assert "judge, 1 are reproduced, 1 contradicted and 0 not resolved. 1 ablations have no" in text
     assert "| a > b | 5.0 | 5.00 [5.00, 5.00] | < 0.001 | reproduced |" in text
     assert "— (1 training) | not resolved |" in page([decided(5.0, trainings=1)])
 
