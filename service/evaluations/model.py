@@ -89,7 +89,7 @@ class Evaluation(Base):
     """
 
     __tablename__ = "evaluations"
-    __table_args__ = (Index("by_ranking", "ranking_id", "status"),)
+    __table_args__ = (Index("by_ranking", "ranking_id", "status"), Index("by_creation", "created", "id"))
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     owner: Mapped[str] = mapped_column(String(100), index=True)

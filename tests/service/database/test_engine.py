@@ -50,7 +50,7 @@ def test_tables_of_another_version_are_refused_and_stay_as_they_are(database: Da
         connection.execute(text("ALTER TABLE agents DROP COLUMN description"))
     with pytest.raises(
         InvalidInputError,
-        match=r"revision '0001', expected 2026_11 or 2026_11_board_indexes or 2026_11_mixed_runs",
+        match=r"revision '0001', expected 2026_11 or 2026_11_board_indexes or 2026_11_creation_index or ",
     ):
         database.migrate()
     assert "description" not in [one["name"] for one in inspect(database.engine).get_columns("agents")]
@@ -83,7 +83,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:
-        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_11_board_indexes"]  # type: ignore[call-overload]
+        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_11_creation_index"]  # type: ignore[call-overload]
     database.close()
 
 
