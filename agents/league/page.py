@@ -16,13 +16,14 @@ from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
 
 
-def page(edition: Edition, rows: Sequence[Row]) -> str:
-    """The page as Markdown: an overview, then each discipline, then the costs and the rules."""
+def page(edition: Edition, rows: Sequence[Row], more: str = "") -> str:
+    """The page as Markdown: an overview, then each discipline, then `more`, the costs and the rules."""
     found = {one.name: standings(one, edition.entrants_of(one), rows) for one in edition.disciplines}
     parts = [_HEAD.format(edition=edition.name), _overview(edition, found)]
     for discipline in edition.disciplines:
         if found[discipline.name]:
             parts += [f"## {discipline.title}", *_section(discipline, found[discipline.name])]
+    parts += [more] if more else []
     if missing := [one.title for one in edition.disciplines if not found[one.name]]:
         parts += ["## Not driven so far", "\n".join(f"* {title}." for title in missing)]
     return "\n\n".join([*parts, "## Who enters", _entrants(edition), _RULES]) + "\n"
