@@ -51,6 +51,7 @@ family = "parking"
 system = "DPPO-IL"
 weights = ["parking/checkpoints/three.safetensors"]
 """
+DOCS = Path(__file__).parents[3] / "docs"
 dohyo = CliRunner()
 
 
@@ -159,6 +160,12 @@ def test_the_published_edition_has_agents_benchmarks_and_weights_that_exist() ->
     assert all(one.benchmark in benchmark_names(one.family) for one in edition.disciplines)
     assert all(one.parameters > 0 for one in edition.entrants if one.weights)
     assert all(name in {one.name for one in edition.disciplines} for one in edition.entrants for name in one.reported)
+
+
+@pytest.mark.slow
+def test_the_published_page_is_what_the_stored_rows_give(tmp_path: Path) -> None:
+    assert dohyo.invoke(app, ["league", "table", "--out", str(tmp_path / "page.md")]).exit_code == 0
+    assert (tmp_path / "page.md").read_text() == (DOCS / "league.md").read_text()
 
 
 @pytest.mark.parametrize(
