@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 
 from dohyo.agents.safety.line_monitor import LineMonitor
+from dohyo.agents.safety.rss import EGO
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.world import LightState
 
 RED, YELLOW, GREEN = LightState.RED, LightState.YELLOW, LightState.GREEN
+NO_LIGHT = -1
 FAR = [1000.0, 1000.0, -1.0, 0.0]
 
 
-def line(distance: float, light: int) -> Float32Array:
-    return np.array([[distance, distance + 20.0, float(light), 0.0], FAR, FAR, FAR], dtype=np.float32)
+def line(distance: float, light: int, sign: int = RightOfWay.MAJOR) -> Float32Array:
+    return np.array([[distance, distance + 20.0, float(light), float(sign)], FAR, FAR, FAR], dtype=np.float32)
 
 
 def critical(speed: float, distance: float, light: int) -> bool:
@@ -48,6 +51,24 @@ def test_green_lines_and_lines_behind_are_no_danger() -> None:
 def test_yellow_is_a_danger_only_where_the_ego_can_stop() -> None:
     assert critical(3.0, 2.5, YELLOW)
     assert not critical(10.0, 5.0, YELLOW)
+
+
+def test_a_stop_sign_is_a_danger_until_the_ego_has_stood_at_its_line_and_again_at_the_next() -> None:
+    monitor = LineMonitor(EGO.model_copy(update={"reaction_s": 0.05}))
+
+    def critical(speed: float, distance: float) -> bool:
+        for _ in range(2):
+            monitor.update(speed, line(distance, NO_LIGHT, RightOfWay.STOP))
+        return monitor.critical
+
+    assert critical(8.0, 5.0)
+    assert not critical(0.0, 1.2)
+    assert not critical(3.0, 0.6)
+    assert critical(8.0, 5.0)
+    monitor.reset()
+    assert critical(3.0, 0.6)
+    assert not critical(0.0, 30.0)
+    assert critical(3.0, 0.6)
 
 
 def test_the_interval_outlasts_the_danger_by_the_response_time_and_ends_with_the_episode() -> None:
