@@ -45,7 +45,7 @@ def answers(model: bytes | Path, observations: list[dict[str, np.ndarray]]) -> n
     return np.array(actions)
 
 
-@pytest.mark.parametrize("name", ["rlad", "rlfold", "griad"])
+@pytest.mark.parametrize("name", ["rlad", "rlfold"])
 def test_without_weights_a_name_has_one_clear_error_and_is_in_no_list(name: str) -> None:
     with pytest.raises(InvalidInputError, match=rf"'{name}' has no shipped weights: expected the setting 'policy'"):
         make_agent(resolve(name))

@@ -14,7 +14,7 @@ from dohyo.service.episodes.views import EpisodeView
 from dohyo.service.evaluations.metrics import as_document
 from dohyo.service.evaluations.scoring import summary_of
 from dohyo.service.evaluations.views import EvaluationView
-from dohyo.service.mixed_runs.cross_play import cross_play
+from dohyo.service.mixed_runs.cross_play import CrossPlays, meetings_of
 from tests.evaluation.builders import ego, episode
 from tests.service.dashboard.conftest import Visitor
 from tests.service.dashboard.fake import BENCHMARKS, VERSION, WHEN
@@ -45,9 +45,10 @@ def answers() -> dict[str, Any]:
     )  # fmt: skip
     fleet = BENCHMARKS[0].model_copy(update={"name": "fleet", "egos": ["west", "east"]})
     of_fleet = {"benchmark": "fleet", "version": VERSION, "versions": [VERSION], "metric": "driving_score", "runs": 1}
+    met = CrossPlays().matrix({"ev-mixed": meetings_of(entry(), "driving_score")}, {}, "driving_score")
     return {
         "benchmarks": [fleet.model_dump(mode="json")],
-        "benchmarks/fleet/cross-play": of_fleet | {"description": ""} | cross_play([entry()], [], "driving_score"),
+        "benchmarks/fleet/cross-play": of_fleet | {"description": ""} | met,
         "evaluations/ev-mixed": evaluation.model_dump(mode="json"),
         "evaluations/ev-mixed/episodes": {"items": [driven.model_dump(mode="json")], "next": None},
         "evaluations/ev-mixed/metrics": as_document(entry()),

@@ -37,7 +37,7 @@ def test_every_arm_can_be_set_and_every_claim_is_of_arms() -> None:
     for arm in study.ARMS.values():
         if arm.agent in ("mbappe", "random-shooting"):
             Settings(**arm.settings)
-    assert {name for left, right, _ in CLAIMS + ROUTE_CLAIMS for name in (left, right)} <= set(study.ARMS)
+    assert {name for one in CLAIMS + ROUTE_CLAIMS for name in (one.left, one.right)} <= set(study.ARMS)
 
 
 def test_the_cells_are_those_of_the_published_tables() -> None:
