@@ -154,7 +154,8 @@ def _again(discipline: Discipline, entrant: Entrant, drawn: Sequence[Row]) -> It
 def only(discipline: Discipline, row: Row) -> Discipline:
     """A discipline of the scenario of one row; of days and mornings, all."""
     if discipline.family is Family.DRIVING:
-        few = {"only": (row["scenario"],), "even": False, "sample": None, "seeds": (row["seed"],)}
+        seeds = (row["seed"],) if row["seed"] in discipline.seeds else discipline.seeds  # excerpts have their own
+        few = {"only": (row["scenario"],), "even": False, "sample": None, "seeds": seeds}
         return discipline.model_copy(update=few)
     if discipline.family is Family.PARKING:
         return discipline.model_copy(update={"seeds": (row["seed"], 1)})

@@ -27,6 +27,8 @@ Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
 """Values by scenario, by seed of the training; None without a training."""
 _TAILS: Final = (0.025, 0.975)
 P_RESAMPLES: Final = 10_000
+DECIMALS: Final = 9
+"""Of resampled means: the last bits of a matrix product depend on the processor, and no table may."""
 
 
 def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
@@ -86,7 +88,7 @@ def _crossed(table: FloatArray, resamples: int) -> FloatArray:
     there = np.isfinite(table)
     sums = ((rows @ np.where(there, table, 0.0)) * columns).sum(axis=1)
     counts = ((rows @ there.astype(float)) * columns).sum(axis=1)
-    means: FloatArray = sums[counts > 0] / counts[counts > 0]
+    means: FloatArray = (sums[counts > 0] / counts[counts > 0]).round(DECIMALS)
     return means
 
 

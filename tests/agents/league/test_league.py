@@ -118,6 +118,15 @@ def test_rows_driven_again_have_the_same_hashes_and_a_changed_one_is_found(drive
     assert [check.same for check in checks] == [False, False]
 
 
+def test_a_row_is_driven_again_alone_with_its_seed_or_that_of_its_excerpt() -> None:
+    edition = read_edition()
+    town, excerpts = edition.discipline("town"), edition.discipline("excerpts")
+    again = league.only(town, {"scenario": "town-test.regular.test.m01", "seed": town.seeds[1]})
+    assert (again.only, again.sample, again.seeds) == (("town-test.regular.test.m01",), None, (town.seeds[1],))
+    again = league.only(excerpts, {"scenario": "changing-lane.m02", "seed": 4711})
+    assert (again.only, again.even, again.seeds) == (("changing-lane.m02",), False, excerpts.seeds)
+
+
 def test_the_page_names_places_sources_and_sizes(driven: Path, edition: Path) -> None:
     text = dohyo.invoke(app, ["league", "table", "--edition", str(edition), "--rows", str(driven)]).output
     assert "| 1 | **reckless** |" in text
