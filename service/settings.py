@@ -73,7 +73,7 @@ class Settings(BaseSettings):
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
-        league: Whether the dashboard leads to the league of all systems that come with dohyo.
+        league: Whether the dashboard leads to the league of dohyo's own systems.
         public: Whether leaderboards, episodes and replays are readable without a token.
         cors_origins: Origins of browsers that may call the API.
         process_deaths: Deaths of an episode's process after which the episode is lost. Its evaluation fails with the

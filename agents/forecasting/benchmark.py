@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from dohyo.agents.forecasting.agent import NAME, ShippedForecaster
 from dohyo.agents.forecasting.base import Forecaster
@@ -63,7 +62,6 @@ def evaluate_forecaster(
         InvalidInputError: There is no such forecaster, it forecasts another road, or the folder holds another result.
         SimulationError: SUMO failed.
     """
-    torch.set_num_threads(1)  # the last bits of a sum depend on the number of threads, and so would the hash
     segments = load_freeway(benchmark.network).segments
     forecaster, facts = forecaster_named(name, segments, settings)
     if forecaster.segments != segments:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import ClassVar
@@ -25,6 +26,17 @@ from dohyo.sumo_networks.files import write_atomically
 
 OPSET = 17
 BLOCK = 2048
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread of torch meanwhile: the last bits of a sum depend on their number, and records hold all bits."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 class Learned(Forecaster):
@@ -53,8 +65,9 @@ class Learned(Forecaster):
     @torch.inference_mode()
     def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
         """See `Forecaster.predict_many`."""
-        parts = torch.split(self.scale.standard(histories), BLOCK)
-        return self.scale.metres(torch.cat([self.network(some) for some in parts]))
+        with one_thread():
+            parts = torch.split(self.scale.standard(histories), BLOCK)
+            return self.scale.metres(torch.cat([self.network(some) for some in parts]))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """See `Forecaster.tensors`."""

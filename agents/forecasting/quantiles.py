@@ -25,7 +25,7 @@ from torch.nn import functional
 from dohyo.agents.forecasting.base import Forecaster, Progress, checked
 from dohyo.agents.forecasting.data.scale import InMetres, Scale
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows
-from dohyo.agents.forecasting.learned import BLOCK, write_onnx
+from dohyo.agents.forecasting.learned import BLOCK, one_thread, write_onnx
 from dohyo.agents.forecasting.networks.looking_ahead import NStep
 from dohyo.agents.forecasting.networks.lstm import SaLstmTrunk
 from dohyo.agents.forecasting.training import Examples, TrainSettings, train_network
@@ -137,8 +137,9 @@ class Quantiles(Forecaster):
     @torch.inference_mode()
     def intervals_many(self, histories: Float32Array) -> Float32Array:
         """(B, 3, 3, N): row ahead; lower end, middle, upper end; m/s."""
-        parts = torch.split(self.scale.standard(histories), BLOCK)
-        return self.scale.metres(torch.cat([self.network(some) for some in parts]))
+        with one_thread():
+            parts = torch.split(self.scale.standard(histories), BLOCK)
+            return self.scale.metres(torch.cat([self.network(some) for some in parts]))
 
     def predict_interval(self, history: ArrayLike) -> FloatArray:
         """(3, 3, N) of one history as `predict` takes it: row ahead; lower end, middle, upper end; m/s.

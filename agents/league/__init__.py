@@ -1,1 +1,1 @@
-"""League: every system on every road under one metric, on seeds that nobody tuned on."""
+"""League: dohyo's systems compared on parts of benchmarks, on seeds that were fixed before the first drive."""

@@ -27,6 +27,12 @@ from dohyo.evaluation.report.style import PALETTES, agent_colours, template
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 SIZE: Final = (980, 420)
+SECTION: Final = """## What each driver does wrong
+
+![Infractions per km of each driver, by kind](pictures/league-infractions.png)
+
+Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/pictures` draws it."""
+"""Where the picture of the infractions stands on the page of the published edition."""
 FEWEST: Final = 0.02
 """Rate below which a kind of infraction is left out, per km."""
 

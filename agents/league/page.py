@@ -10,7 +10,7 @@ from typing import Final
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
 from dohyo.agents.league.standings import MEASURES, Place, mean_of, standings
 from dohyo.agents.studies.rows import Row, infractions_per_km
-from dohyo.agents.studies.tables import fixed
+from dohyo.agents.studies.tables import anchor, fixed
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
@@ -19,30 +19,38 @@ from dohyo.evaluation.report.style import MISSING, markdown
 def page(edition: Edition, rows: Sequence[Row], more: str = "") -> str:
     """The page as Markdown: an overview, then each discipline, then `more`, the costs and the rules."""
     found = {one.name: standings(one, edition.entrants_of(one), rows) for one in edition.disciplines}
-    parts = [_HEAD.format(edition=edition.name), _overview(edition, found)]
+    parts = [_HEAD.format(told=edition.told, edition=edition.name), _overview(edition, found)]
     for discipline in edition.disciplines:
         if found[discipline.name]:
             parts += [f"## {discipline.title}", *_section(discipline, found[discipline.name])]
     parts += [more] if more else []
     if missing := [one.title for one in edition.disciplines if not found[one.name]]:
         parts += ["## Not driven so far", "\n".join(f"* {title}." for title in missing)]
-    return "\n\n".join([*parts, "## Who enters", _entrants(edition), _RULES]) + "\n"
+    return (
+        "\n\n".join(
+            [*parts, "## Who enters", _entrants(edition), _RULES.format(looked_at=edition.looked_at or _UNSEEN)]
+        )
+        + "\n"
+    )
 
 
 _HEAD: Final = """# League
 
-Every system of three theses, and rivals, on every benchmark, under one metric. Edition {edition}, written from stored rows by `dohyo league table --out docs/league.md`.
+{told} Edition {edition}, written from stored rows by `dohyo league table`.
 
-In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant."""  # noqa: E501
+In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant."""
 
 _RULES: Final = """## Rules
 
-* Seeds and samples stand in `edition.toml` in `agents/league/editions/` and were fixed before the first drive. No agent was trained, tuned or chosen on them. Forecasts have fixed days, and planners were developed on other excerpts.
+* Seeds and samples stand in the edition's file, and were fixed before the first drive. {looked_at}
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 % after Holm's correction over all pairs of a discipline. Intervals are 95 % bootstraps over drives, not corrected.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
 * `dohyo league run` resumes; `dohyo league verify --sample 2` drives two rows of everybody again and compares the hashes of the records.
 * Numbers of the sources were measured in other simulators, with other traffic and roads. They stand here to be seen, not to be compared."""  # noqa: E501
+
+
+_UNSEEN: Final = "Nobody had looked at drives on them."
 
 
 def _overview(edition: Edition, found: Mapping[str, Sequence[Place]]) -> str:
@@ -51,7 +59,7 @@ def _overview(edition: Edition, found: Mapping[str, Sequence[Place]]) -> str:
     for family in dict.fromkeys(one.family for one in edition.disciplines):
         disciplines = [one for one in edition.disciplines if one.family is family]
         entrants = [one for one in edition.entrants if one.family is family]
-        heads = ["", *(f"[{one.name}](#{_anchor(one.title)})" if found[one.name] else one.name for one in disciplines)]
+        heads = ["", *(f"[{one.name}](#{anchor(one.title)})" if found[one.name] else one.name for one in disciplines)]
         lines = [
             [one.name, *(_glance(discipline, found[discipline.name], one) for discipline in disciplines)]
             for one in entrants
@@ -118,8 +126,3 @@ def _entrants(edition: Edition) -> str:
         for one in edition.entrants
     ]
     return markdown(["entrant", "system", "thesis", "learned parameters"], lines)
-
-
-def _anchor(title: str) -> str:
-    kept = (letter for letter in title.lower() if letter.isalnum() or letter in " -")
-    return "".join(kept).replace(" ", "-")

@@ -10,9 +10,9 @@ from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Entrant
 from dohyo.agents.studies.claims import Claim, Judgement, judge
-from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
+from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, of_shares
 from dohyo.agents.studies.rows import Row, is_lost, matched
-from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
+from dohyo.evaluation.statistics import Estimate, mean_estimate
 
 LEVEL: Final = 0.05
 
@@ -118,8 +118,4 @@ def mean_of(rows: Sequence[Row], arm: str, measure: str) -> Estimate:
     values = _values(rows, arm, measure)
     if not values:
         return Estimate(None, None, None, 0)
-    return estimate(values, _share if MEASURES[measure].share else mean_estimate)
-
-
-def _share(values: Sequence[float]) -> Estimate:
-    return share_estimate([value > 0.0 for value in values])
+    return estimate(values, of_shares if MEASURES[measure].share else mean_estimate)

@@ -19,7 +19,7 @@ from typing import Final
 
 from dohyo.agents.studies.claims import Judgement
 from dohyo.agents.studies.study import study_named
-from dohyo.agents.studies.tables import bracketed, probability
+from dohyo.agents.studies.tables import anchor, bracketed, probability
 from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.files import write_atomically
@@ -115,9 +115,9 @@ def page(found: Sequence[Decided]) -> str:
 
 _HEAD: Final = """# What holds of three theses
 
-The theses compare their systems in twenty-nine ablations. Each is run here again in SUMO, judged on drives, lots and days that no arm was trained on. {counts}
+The theses compare their systems in twenty-nine ablations. They are repeated here in SUMO, on drives, lots and days that no arm was trained on. {counts}
 
-A claim is *reproduced* or *contradicted* if its paired difference excludes zero after Holm's correction over all claims of its study. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm. Nothing was tuned after its row was seen.
+A claim is *reproduced* or *contradicted* if its paired difference excludes zero after Holm's correction over all claims of its study. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm.
 
 This page is made from stored rows: `python -m dohyo.agents.studies.ablations --out docs/ablations.md`."""  # noqa: E501
 
@@ -134,7 +134,12 @@ def _counts(found: Iterable[Decided]) -> str:
 
 def _overview(found: Iterable[Decided]) -> str:
     lines = [
-        [f"[{one.ablation.number}](#{_anchor(one.ablation)})", one.ablation.system, one.ablation.told, one.verdict]
+        [
+            f"[{one.ablation.number}](#{anchor(_heading(one.ablation))})",
+            one.ablation.system,
+            one.ablation.told,
+            one.verdict,
+        ]
         for one in found
     ]
     return markdown(["", "system", "the thesis says", "here"], lines)
@@ -142,11 +147,6 @@ def _overview(found: Iterable[Decided]) -> str:
 
 def _heading(ablation: Ablation) -> str:
     return f"{ablation.number}. {ablation.system}"
-
-
-def _anchor(ablation: Ablation) -> str:
-    kept = (letter for letter in _heading(ablation).lower() if letter.isalnum() or letter in " -")
-    return "".join(kept).replace(" ", "-")
 
 
 def _section(one: Decided) -> str:

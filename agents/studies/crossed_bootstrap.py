@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired
+from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired, share_estimate
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
@@ -103,6 +103,11 @@ def _counts(n: int, k: int, resamples: int) -> tuple[IntArray, IntArray]:
 def of_pairs(values: Sequence[float]) -> Estimate:
     """The estimate of independent differences."""
     return paired(values, [0.0] * len(values)).difference
+
+
+def of_shares(values: Sequence[float]) -> Estimate:
+    """The estimate of independent successes, each above 0."""
+    return share_estimate([value > 0.0 for value in values])
 
 
 def difference(mine: Matched, other: Matched) -> Matched:

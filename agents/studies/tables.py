@@ -73,6 +73,12 @@ def bracketed(estimate: Estimate) -> str:
     return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}]"
 
 
+def anchor(heading: str) -> str:
+    """Fragment of a heading's address, as GitHub and MyST make it."""
+    kept = (letter for letter in heading.lower() if letter.isalnum() or letter in " -")
+    return "".join(kept).replace(" ", "-")
+
+
 def write_section(page: Path, section: str, text: str) -> None:
     """Replaces what stands between the marks of one section.
 

@@ -62,7 +62,7 @@ COMMANDS: dict[str, Command | Group] = {
     ),
     "score": Command("records:score", "Recomputes every score from the raw events."),
     "league": Group(
-        "The league of all systems on all benchmarks.",
+        "The league of dohyo's systems.",
         {
             "run": Command(
                 "league:run",

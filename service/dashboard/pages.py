@@ -97,7 +97,7 @@ def leaderboard(request: Request) -> HTMLResponse:
 
 @router.get("/league")
 def league(request: Request) -> HTMLResponse:
-    """The league of all systems that come with dohyo."""
+    """The league of dohyo's own systems."""
     return render(request, "league")
 
 

@@ -1,1 +1,1 @@
-"""The league of all systems, for the dashboard: standings of the rows that come with dohyo."""
+"""The league of dohyo's own systems, for the dashboard: standings of the rows that come with dohyo."""

@@ -1,4 +1,4 @@
-"""The league of all systems, from the rows that come with dohyo."""
+"""The league of dohyo's own systems, from the rows that come with dohyo."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/v1/league", tags=["leaderboard"])
 @router.get("", responses=problems())
 @heavy_read
 def get_league(caller: Reader) -> LeagueView:
-    """Every system of dohyo in every discipline, with paired tests; see `docs/league.md`."""
+    """Dohyo's own systems in parts of benchmarks, with paired tests between all of them."""
     return league()
 
 
@@ -31,6 +31,8 @@ def league() -> LeagueView:
     edition, rows = read_edition(), read_rows(PUBLISHED)
     return LeagueView(
         edition=edition.name,
+        told=edition.told,
+        looked_at=edition.looked_at,
         disciplines=[_discipline(one, standings(one, edition.entrants_of(one), rows)) for one in edition.disciplines],
     )
 

@@ -50,7 +50,9 @@ class LeagueDisciplineView(View):
 
 
 class LeagueView(View):
-    """All systems on all benchmarks, on seeds that none was tuned on."""
+    """Dohyo's own systems in parts of benchmarks, on seeds that were fixed before the first drive."""
 
     edition: Annotated[str, Field(description="Year and month of the edition.", examples=["2026-11"])]
+    told: Annotated[str, Field(description="What the edition is.")]
+    looked_at: Annotated[str, Field(description="Which of its seeds had been looked at, or led to changes.")]
     disciplines: Annotated[list[LeagueDisciplineView], Field(description="In the order of the edition.")]

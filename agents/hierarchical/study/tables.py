@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from dohyo.agents.studies.claims import Claim, Judgement, judge
-from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate, of_shares
 from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_table, each_training
 from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
 from dohyo.evaluation.report.style import MISSING, ending, interval, markdown, number
-from dohyo.evaluation.statistics import Estimate, share_estimate
 
 PAIRS: Final = (
     ("ghrl", "hrl"), ("ghrl-r", "ghrl"), ("ghrl-r", "hrl"), ("ghrl", "flat-guided"), ("ghrl", "ghrl-pictures"),
@@ -158,17 +157,13 @@ def failures(rows: Iterable[Row]) -> Counter[str]:
     return found
 
 
-def _of_successes(values: Sequence[float]) -> Estimate:
-    return share_estimate([value > 0.0 for value in values])
-
-
 def _success(rows: Sequence[Row], measure: str, each: bool) -> str:
     values = percent(rows, rows[0]["arm"], measure) if rows else {}
     if not values:
         return MISSING
     trainings = by_training(values)
     told = f" ({', '.join(f'{mean:.0f}' for mean in trainings.values())})" if each and len(trainings) > 1 else ""
-    return interval(estimate(values, _of_successes)) + told
+    return interval(estimate(values, of_shares)) + told
 
 
 def _counted(count: int, total: int) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from dohyo.agents.league import beside, league
+from dohyo.agents.league import figures, league, localization
 from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Discipline, Entrant, read_edition
 from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
@@ -56,7 +56,7 @@ def table(
     edition: EditionFile = DOCUMENT,
 ) -> None:
     """Makes the league's page from stored rows."""
-    more = beside.sections() if edition == DOCUMENT else ""
+    more = f"{figures.SECTION}\n\n{localization.section()}" if edition == DOCUMENT else ""
     text = page(read_edition(edition), _stored(rows), more)
     if out is None:
         print(text)  # Markdown, for files and pipes

@@ -24,7 +24,7 @@ def serve(
     processes: Annotated[int | None, typer.Option(min=1, help="Episodes driven at once; default: one per CPU.")] = None,
     insecure: Annotated[bool | None, typer.Option("--insecure", help="Listen beyond this machine without TLS.")] = None,
     league: Annotated[
-        bool | None, typer.Option("--league", help="Show the league of all systems of dohyo in the dashboard.")
+        bool | None, typer.Option("--league", help="Show the league of dohyo's systems in the dashboard.")
     ] = None,
     tls_certificate: Annotated[Path | None, typer.Option(help="PEM file.")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="PEM file.")] = None,

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from dohyo.agents.league import league
 from dohyo.agents.league.edition import Edition, read_edition
+from dohyo.agents.league.figures import front, profiles
 from dohyo.agents.league.page import page
 from dohyo.agents.league.standings import standings
 from dohyo.agents.registry import agent_entries
@@ -169,6 +170,29 @@ def test_the_published_edition_has_agents_benchmarks_and_weights_that_exist() ->
     assert all(one.benchmark in benchmark_names(one.family) for one in edition.disciplines)
     assert all(one.parameters > 0 for one in edition.entrants if one.weights)
     assert all(name in {one.name for one in edition.disciplines} for one in edition.entrants for name in one.reported)
+
+
+def test_the_page_says_which_seeds_had_been_looked_at() -> None:
+    edition = of_drivers("a")
+    assert "Nobody had looked at drives on them." in page(edition, rows_of(a=[50.0]))
+    told = edition.model_copy(update={"looked_at": "Seed 5 was driven before."})
+    assert "Seed 5 was driven before." in page(told, rows_of(a=[50.0]))
+
+
+def test_the_front_leaves_out_who_is_slower_and_no_better() -> None:
+    edition = of_drivers("fast", "slow", "best")
+    rows = rows_of(fast=[50.0, 60.0], slow=[40.0, 50.0], best=[80.0, 90.0])
+    timed = [row | {"decision_ms": {"fast": 1.0, "slow": 2.0, "best": 3.0}[row["arm"]]} for row in rows]
+    places = standings(edition.disciplines[0], edition.entrants, timed)
+    assert [place.entrant.name for place in front(places)] == ["fast", "best"]
+
+
+def test_a_profile_has_the_infractions_per_km_of_all_driving_disciplines() -> None:
+    edition = of_drivers("a", "idle")
+    rows = [row | {"infractions": {"red_light": 1}} for row in rows_of(a=[50.0, 60.0])]
+    found = profiles(edition, rows)
+    assert list(found) == ["a"]
+    assert (found["a"]["red_light"], found["a"]["stop_sign"]) == (2.0, 0.0)
 
 
 @pytest.mark.slow

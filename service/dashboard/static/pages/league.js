@@ -1,4 +1,4 @@
-/** The league: every system in every discipline, on seeds that none was tuned on. */
+/** The league: dohyo's own systems in parts of benchmarks, on seeds that were fixed before the first drive. */
 
 import { get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
@@ -28,7 +28,7 @@ const LEADERS = [
 ];
 
 page(async () => {
-  const { edition, disciplines } = await get("/v1/league");
+  const { edition, told, looked_at, disciplines } = await get("/v1/league");
   const names = disciplines.flatMap((one) => one.places.map((place) => place.entrant));
   const colour = await colours([...new Set(names)]);
   const driven = disciplines.filter((one) => one.places.length);
@@ -39,11 +39,13 @@ page(async () => {
     h(
       "p",
       {},
-      "Every system of dohyo on every benchmark, on seeds that nobody tuned on. In bold stands who leads a discipline, and who is not significantly behind. ",
+      `${told} In bold stands who leads a discipline, and who is not significantly behind. `,
       "Numbers of the sources were measured in other simulators: to be seen, not to be compared.",
     ),
     h("div", { class: "panel wide" }, table(LEADERS, driven, { name: "leaders", caption: "Who leads where" })),
     driven.map((one) => section(one, colour)),
+    h("h2", {}, "Seeds"),
+    h("p", {}, `They were fixed before the first drive. ${looked_at}`),
     open.length && h("p", { class: "note" }, `Not driven so far: ${open.map((one) => one.title).join("; ")}.`),
   );
 });

@@ -1,4 +1,4 @@
-"""Beside the disciplines of the published edition: a picture of the infractions, and the filters of localization."""
+"""Localization beside the published edition: filters instead of agents, from the rows of their own study."""
 
 from __future__ import annotations
 
@@ -21,19 +21,7 @@ TOLD: Final = (
 )
 
 
-PICTURE: Final = """## What each driver does wrong
-
-![Infractions per km of each driver, by kind](pictures/league-infractions.png)
-
-Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/pictures` draws it."""
-
-
-def sections() -> str:
-    """Both sections as Markdown."""
-    return f"{PICTURE}\n\n{localization()}"
-
-
-def localization() -> str:
+def section() -> str:
     """Filters by the rate of fixes, from the rows of their own study."""
     cells = json.loads(STUDY.read_text())["cells"]
     lines = [[told, *(_share(cells, name, rate) for rate in RATES_HZ)] for name, told in FILTERS.items()]
