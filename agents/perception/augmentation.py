@@ -29,6 +29,8 @@ Range = tuple[float, float]
 GREY = (0.299, 0.587, 0.114)
 """Weights of red, green and blue (ITU-R BT.601)."""
 ERASING_ATTEMPTS = 10
+BLOCK = 16
+"""Pictures that a processor changes at once: with more, their numbers leave its cache, which takes five times as long."""
 
 
 def random_shift(pictures: Tensor, generator: Generator, *, pad: int) -> Tensor:
@@ -95,10 +97,10 @@ def colour_jitter(
     drawn = torch.randperm(4, generator=generator, device=generator.device).tolist()
     order = [number for number in drawn if (brightness, contrast, saturation, hue)[number]]
 
-    def changed(values: Tensor) -> Tensor:
+    def changed(values: Tensor, rows: slice) -> Tensor:
         frames = values.reshape(len(values), -1, 3, *values.shape[2:])
         for number in order:
-            factor = factors[number].to(values.device).reshape(-1, 1, 1, 1, 1)
+            factor = factors[number][rows].to(values.device).reshape(-1, 1, 1, 1, 1)
             frames = _JITTERS[number](frames, factor)
         return frames.flatten(1, 2)
 
@@ -124,8 +126,8 @@ def gaussian_blur(pictures: Tensor, generator: Generator, *, kernel: int = 3, si
     weights = torch.exp(-0.5 * (offsets / deviation[:, None]).square())
     weights = weights / weights.sum(1, keepdim=True)
 
-    def blurred(values: Tensor) -> Tensor:
-        taps = weights.to(values.dtype)[..., None, None, None]
+    def blurred(values: Tensor, rows: slice) -> Tensor:
+        taps = weights[rows].to(values.dtype)[..., None, None, None]
         for axis, margin in ((3, (kernel // 2, kernel // 2, 0, 0)), (2, (0, 0, kernel // 2, kernel // 2))):
             around, side = padded(values, margin, "reflect"), values.shape[axis]
             values = torch.zeros_like(values)
@@ -192,17 +194,20 @@ def of_transitions(
 
 
 def _brighter(frames: Tensor, factor: Tensor) -> Tensor:
-    return (frames * factor).clamp(0.0, 1.0)
+    return frames.mul_(factor).clamp_(0.0, 1.0)
 
 
 def _more_contrast(frames: Tensor, factor: Tensor) -> Tensor:
-    mean = _grey(frames).mean((-2, -1), keepdim=True)
-    return (mean + (frames - mean) * factor).clamp(0.0, 1.0)
+    return _from(_grey(frames.mean((-2, -1), keepdim=True)), frames, factor)
 
 
 def _more_saturated(frames: Tensor, factor: Tensor) -> Tensor:
-    grey = _grey(frames)
-    return (grey + (frames - grey) * factor).clamp(0.0, 1.0)
+    return _from(_grey(frames), frames, factor)
+
+
+def _from(centre: Tensor, frames: Tensor, factor: Tensor) -> Tensor:
+    """Frames whose distance from a centre is multiplied."""
+    return frames.mul_(factor).add_(centre * (1.0 - factor)).clamp_(0.0, 1.0)
 
 
 def _turned_hue(frames: Tensor, turn: Tensor) -> Tensor:
@@ -225,15 +230,26 @@ _JITTERS = (_brighter, _more_contrast, _more_saturated, _turned_hue)
 
 def _grey(frames: Tensor) -> Tensor:
     """(..., 1, H, W) brightness of RGB frames (..., 3, H, W)."""
-    weights = torch.tensor(GREY, device=frames.device, dtype=frames.dtype)
-    return (frames * weights[:, None, None]).sum(-3, keepdim=True)
+    red, green, blue = frames.unbind(-3)
+    return (red * GREY[0]).add_(green, alpha=GREY[1]).add_(blue, alpha=GREY[2]).unsqueeze(-3)
 
 
-def _in_float(pictures: Tensor, change: Callable[[Tensor], Tensor]) -> Tensor:
-    """A change of values in [0, 1], for pictures of either type."""
-    if pictures.dtype != torch.uint8:
-        return change(pictures)
-    return (change(pictures.float() / 255.0) * 255.0).round().to(torch.uint8)
+def _in_float(pictures: Tensor, change: Callable[[Tensor, slice], Tensor]) -> Tensor:
+    """A change of values in [0, 1], for pictures of either type.
+
+    Args:
+        pictures: (B, C, H, W).
+        change: Of the values of some rows, which it may overwrite.
+    """
+    out = torch.empty_like(pictures)
+    size = BLOCK if pictures.device.type == "cpu" else max(len(pictures), 1)
+    for start in range(0, len(pictures), size):
+        rows = slice(start, start + size)
+        if pictures.dtype == torch.uint8:
+            out[rows] = change(pictures[rows].float().div_(255.0), rows).mul_(255.0).round_()
+        else:
+            out[rows] = change(pictures[rows].clone(), rows)
+    return out
 
 
 def _room(pictures: Tensor, height: int, width: int) -> tuple[int, int]:
