@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dohyo.agents.mcts.predicting import PREDICTORS
 from dohyo.evaluation.settings import OneOf
@@ -15,6 +15,8 @@ Constraints = Literal["none", "tree", "node", "both"]
 Choice = Literal["visits", "q", "best"]
 Crafted = Literal["limit", "idm"]
 Steering = Literal["lane", "wheel"]
+Simulator = Literal["ours", "thesis"]
+Walks = Literal["horizon", "node"]
 
 ACTIONS = 13
 """Values of either part of an action (thesis)."""
@@ -40,6 +42,11 @@ class Settings(Config):
         constraints: Which continuity constraints hold (thesis: both).
         steering: What the 13 steering values are. "wheel": front wheel angles pi/24 apart (thesis); "lane": lines 0.5 m
             apart beside the route, which pure pursuit steers to (ours).
+        simulator: Inner vehicle and reward. "thesis": demands may jump, 10 m/s^2 are allowed sideways, boxes are
+            inflated, a failure forfeits nothing, no safe distance, standing beside the centreline costs, and changes
+            of the acceleration are charged in the selection; "ours": see CHOICES.md.
+        walks: What a simulation adds: "node", one node, evaluated at once (thesis); "horizon", all nodes of a walk to
+            the horizon (ours).
         hold_s: How long an action is held (thesis: 1 s; 0.1 s as its ablation).
         simulations: Per decision (thesis: 256).
         budget_ms: Stops after that much wall-clock time; None: never. Decisions then depend on the machine, and are not
@@ -49,7 +56,8 @@ class Settings(Config):
             text), or "best", the first action of the best rollout (ours).
         early_stop: End the search if the very first rollout is perfect (the thesis's code).
         reuse: Search first along the plan of the tick before (ours).
-        emergency: Brake hard where the plan fails soon (ours; PDM's idea).
+        emergency: Where the plan fails soon, search again as if the ego had been braking, and else brake hard (ours;
+            the brake is PDM's idea).
         caution: Actors ahead in the lane are not expected to clear it early, see `caution` (ours).
         value: "network" ends walks early, and adds the value network's estimate (ours).
         value_depth_s: Depth at which walks then end, s.
@@ -62,6 +70,8 @@ class Settings(Config):
     prior_variance: Annotated[float, Field(gt=0, le=1e6)] = 100.0
     constraints: Constraints = "both"
     steering: Steering = "lane"
+    simulator: Simulator = "ours"
+    walks: Walks = "horizon"
     hold_s: Annotated[float, Field(ge=0.1, le=2.0, multiple_of=0.1)] = 1.0
     simulations: Annotated[int, Field(ge=1, le=100_000)] = 256
     budget_ms: Annotated[float, Field(gt=0, le=600_000)] | None = None
@@ -74,6 +84,12 @@ class Settings(Config):
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
 
+    @model_validator(mode="after")
+    def _walks_can_be_compared(self) -> Settings:
+        if self.walks == "node" and (self.choice == "best" or self.value == "network"):
+            raise ValueError("walks 'node' end at different depths: expected choice 'visits' or 'q', and value 'none'")
+        return self
+
 
 class Rules(NamedTuple):
     """Numbers of the inner simulator and of the search, as the kernels take them.
@@ -85,7 +101,7 @@ class Rules(NamedTuple):
         acceleration_step: Between two accelerations, m/s^2 (thesis: -3 to 3 in steps of 0.5).
         steering_step: Between two wheel angles, rad (thesis: pi/24); with `lane_steering`, between two lines, m (ours).
         lane_steering: 1 where steering values are lines beside the route.
-        jerk: The demanded acceleration changes by at most this much, m/s^3 (ours: comfort allows 4.13).
+        jerk: The demanded acceleration changes by at most this much, m/s^3 (ours: comfort allows 4.13; thesis: any).
         exploration: c of PUCT (thesis: 2).
         root_window: Index distance at the root, exclusive (the thesis's code: 5).
         node_window: Index distance below it, exclusive (the thesis's code: 3; its text: 4, so 7 x 7).
@@ -93,12 +109,15 @@ class Rules(NamedTuple):
         variance: sigma^2 of the priors (thesis: 100).
         crafted: 0 none, 1 towards the limit, 2 IDM.
         parent_first: 1 where an untried action has the value of its parent.
+        one_node: 1 where a simulation adds one node.
+        effort: Charged in the selection below the root, per step of 0.5 m/s^2 (the thesis's code: 1/10 per m/s^2).
+        effort_change: The same per step between two accelerations (the thesis's code: 1/5).
         penalty_pedestrian: Collision with a pedestrian or cyclist (thesis's text; its code: -3).
         penalty_vehicle: With a vehicle (thesis).
         penalty_object: With an object (thesis).
         penalty_margin: An actor within the margins (the thesis's code).
         penalty_gap: Per second, times the share of the safe distance to the leader that is missing (ours).
-        forfeit: Per second left to the horizon after a failure (ours: the thesis goes on, and charges every second).
+        forfeit: Per second left to the horizon after a failure, which ends a walk (ours; thesis: none).
         penalty_route: Not on the route's roads (thesis).
         penalty_road: Off the drivable area (thesis).
         penalty_line: Over a closed line: off the route and off the road, since lanes behind a red light are closed
@@ -107,8 +126,8 @@ class Rules(NamedTuple):
         heading: Weight of |sin| of the heading error (thesis: 1/2, without the absolute value).
         centring: Weight of the distance to the centreline, 1/m (thesis: 1/2).
         heading_most: Heading error beyond which no progress counts, rad (the thesis's code: 0.20).
-        comfort: Weight of |acceleration| in m/s^2 and of its change between actions (ours; the thesis's code subtracts
-            |a|/10 and |change|/5 in the selection).
+        comfort: Weight of |acceleration| in m/s^2 and of its change between actions (ours; the thesis: see `effort`).
+        standing_free: 1 where standing beside the centreline, or off the route, costs nothing (ours).
         margin_along: Beyond the ends of the ego's box, m (the thesis's code: 0.7).
         margin_across: Beside it, m (the thesis's code: 0.3).
         margin_people: Beside it to people on foot or bicycle, m (ours).
@@ -116,7 +135,9 @@ class Rules(NamedTuple):
         time_gap: Time gap in the safe distance, s (the thesis's code: v/2 on the length).
         braking: Deceleration of ego and leader in the rest of the safe distance, m/s^2 (ours, after RSS; the hardest
             braking that comfort allows).
-        skin: Distance between boxes that counts as a collision, m (ours: forecasts are not exact).
+        skin_along: Distance between boxes that counts as a collision, beyond the ends of the ego's box, m (ours: 0.1,
+            as forecasts are not exact; the thesis's code: 0.7).
+        skin_across: Beside it, m (ours: 0.1; the thesis's code: 0.3).
         line_gap: Distance of the front to a closed line at a stop, m (ours).
     """
 
@@ -134,6 +155,9 @@ class Rules(NamedTuple):
     variance: float
     crafted: int
     parent_first: int
+    one_node: int
+    effort: float
+    effort_change: float
     penalty_pedestrian: float
     penalty_vehicle: float
     penalty_object: float
@@ -148,13 +172,15 @@ class Rules(NamedTuple):
     centring: float
     heading_most: float
     comfort: float
+    standing_free: int
     margin_along: float
     margin_across: float
     margin_people: float
     headway: float
     time_gap: float
     braking: float
-    skin: float
+    skin_along: float
+    skin_across: float
     line_gap: float
 
 
@@ -164,9 +190,10 @@ CURVE_LATERAL = 2.5
 """Lateral acceleration up to which the crafted prior drives curves, m/s^2 (ours)."""
 CURVE_BRAKING = 2.0
 """Deceleration with which it slows down for them, m/s^2 (ours)."""
-LATERAL_LIMIT = 4.4
-"""Lateral acceleration beyond which the inner vehicle runs wide, m/s^2 (the thesis's code masks above 10; the tyres'
-limit is 8.8 here, comfort's 4.89)."""
+LATERAL_LIMIT, LATERAL_MASK = 4.4, 10.0
+"""Lateral acceleration beyond which the inner vehicle runs wide, m/s^2: ours, and the thesis's code's. The tyres' limit
+is 8.8 here, comfort's 4.89."""
+UNBOUNDED = 1e9
 EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
 """If a plan fails within that time, s, the ego brakes with that deceleration, m/s^2 (ours; the time is PDM's)."""
 HARDEST, LET_GO = 3.0, 0.65
@@ -181,7 +208,7 @@ _CRAFTED = {"limit": 1, "idm": 2}
 
 def rules(settings: Settings) -> Rules:
     """Numbers of the kernels for given settings."""
-    lane = settings.steering == "lane"
+    lane, ours = settings.steering == "lane", settings.simulator == "ours"
     crafted = _CRAFTED[settings.crafted] if settings.prior in ("crafted", "both") else 0
     return Rules(
         hold_steps=round(settings.hold_s / DT),
@@ -190,7 +217,7 @@ def rules(settings: Settings) -> Rules:
         acceleration_step=0.5,
         steering_step=0.5 if lane else 0.1308996938995747,
         lane_steering=int(lane),
-        jerk=3.5,
+        jerk=3.5 if ours else UNBOUNDED,
         exploration=2.0,
         root_window=5 if settings.constraints in ("tree", "both") else FREE,
         node_window=3 if settings.constraints in ("node", "both") else FREE,
@@ -198,12 +225,15 @@ def rules(settings: Settings) -> Rules:
         variance=settings.prior_variance,
         crafted=crafted,
         parent_first=int(settings.first_play == "parent"),
+        one_node=int(settings.walks == "node"),
+        effort=0.0 if ours else 0.05,
+        effort_change=0.0 if ours else 0.2,
         penalty_pedestrian=-5.0,
         penalty_vehicle=-5.0,
         penalty_object=-2.0,
         penalty_margin=-0.5,
-        penalty_gap=-3.0,
-        forfeit=-1.0,
+        penalty_gap=-3.0 if ours else 0.0,
+        forfeit=-1.0 if ours else 0.0,
         penalty_route=-0.5,
         penalty_road=-1.0,
         penalty_line=-1.5,
@@ -211,13 +241,15 @@ def rules(settings: Settings) -> Rules:
         heading=0.5,
         centring=0.5,
         heading_most=0.2,
-        comfort=0.02,
+        comfort=0.02 if ours else 0.0,
+        standing_free=int(ours),
         margin_along=0.7,
         margin_across=0.3,
-        margin_people=1.0,
+        margin_people=1.0 if ours else 0.3,
         headway=0.25,
         time_gap=0.5,
         braking=4.0,
-        skin=0.1,
+        skin_along=0.1 if ours else 0.7,
+        skin_across=0.1 if ours else 0.3,
         line_gap=0.3,
     )

@@ -22,6 +22,7 @@ from dohyo.agents.mcts.config import (
     HARDEST,
     HORIZON_S,
     LATERAL_LIMIT,
+    LATERAL_MASK,
     LET_GO,
     MAX_SPEED,
     MIDDLE,
@@ -63,7 +64,7 @@ class Mbappe(Agent):
         self.rules = rules(self.settings)
         self.predictor = make_predictor(self.settings.predictor)
         self._vehicle = VehicleParameters()
-        self.car = body(self._vehicle, LATERAL_LIMIT)
+        self.car = body(self._vehicle, LATERAL_LIMIT if self.settings.simulator == "ours" else LATERAL_MASK)
         self.tree = make_tree(self.settings.simulations, self.rules.depth)
         self._kernel = kernel(self.settings.prior_variance)
         self._value = load_value() if self.settings.value == "network" else no_value()
@@ -131,7 +132,7 @@ class Mbappe(Agent):
         )
         until = math.inf if s.budget_ms is None else time.perf_counter() + s.budget_ms / 1000.0
         ran, chain = self._plan_from(road, beliefs, state, until)
-        if self._danger(chain) and s.constraints in ("tree", "both"):
+        if s.emergency and self._danger(chain) and s.constraints in ("tree", "both"):
             # Continuity leaves no safe plan: search again as if the ego had been braking.
             self._last[0], self._plan[:] = 0, -1
             more, chain = self._plan_from(road, beliefs, state, until)

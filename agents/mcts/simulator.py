@@ -166,7 +166,7 @@ def _settle(
     error = wrap(state[HEADING] - math.atan2(road.path[row, 3], road.path[row, 2]))
     on_route = on_grid(road.grid, x, y) & ROUTE_BIT
     # Standing costs nothing: otherwise a quick failure would end a lasting cost.
-    moving = min(max((state[S] - began) / (MOVING * hold), 0.0), 1.0)
+    moving = min(max((state[S] - began) / (MOVING * hold), 0.0), 1.0) if rules.standing_free else 1.0
     if near and state[SPEED] > STANDING:
         terms[MARGIN] = rules.penalty_margin * hold
     if state[OFF_ROAD] > 0.0:
@@ -226,7 +226,9 @@ def _touched(
         if dx * cos + dy * sin < -half_length + BEHIND:
             continue
         oc, os, ol, ow = road.boxes[step, n, 2], road.boxes[step, n, 3], road.boxes[step, n, 4], road.boxes[step, n, 5]
-        if boxes_meet(x, y, cos, sin, half_length + rules.skin, half_width + rules.skin, ox, oy, oc, os, ol, ow):
+        if boxes_meet(
+            x, y, cos, sin, half_length + rules.skin_along, half_width + rules.skin_across, ox, oy, oc, os, ol, ow
+        ):
             return n
         shift = 0.5 * ahead
         across = rules.margin_people if road.kind[n] == CLASS_PEDESTRIAN else rules.margin_across

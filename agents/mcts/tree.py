@@ -21,14 +21,15 @@ from dohyo.agents.planning.situation import Situation
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 PAIRS = ACTIONS * ACTIONS
-NODES, PERFECT_FIRST, BEST_LEAF, DRAWN = range(4)
+NODES, PERFECT_FIRST, BEST_LEAF, DRAWN, WALKED = range(5)
 
 
 class Tree(NamedTuple):
     """A search, M nodes at most; node 0 is the root. Edges are kept with the node they lead to.
 
     Attributes:
-        numbers: (4,) number of nodes, whether the first rollout was perfect, the leaf of the best rollout, draws used.
+        numbers: (5,) number of nodes, whether the first rollout was perfect, the leaf of the best rollout, draws used,
+            whether a walk has come to an end: a failure or the horizon.
         child: (M, 169) node under each action, -1 where not tried.
         parent: (M,) node above.
         action: (M,) the action that led here, acceleration index times 13 plus steering index.
@@ -72,7 +73,7 @@ def make_tree(simulations: int, depth: int) -> Tree:
     """Memory for a search."""
     nodes = simulations * depth + 1
     return Tree(
-        numbers=np.zeros(4, dtype=np.int64),
+        numbers=np.zeros(5, dtype=np.int64),
         child=np.full((nodes, PAIRS), -1, dtype=np.int32),
         parent=np.zeros(nodes, dtype=np.int32),
         action=np.zeros(nodes, dtype=np.int32),
@@ -161,11 +162,11 @@ def search(
     """
     by_prior, end = 1 if beliefs.plan[0] >= 0 else 0, walk_end(rules)
     for simulation in range(simulations):
-        node, steps = 0, 0
+        node, steps, made = 0, 0, False
         tree.path[0] = 0
         following = beliefs.plan[0] >= 0 and tree.visits[0] == 0
-        prior_only = tree.visits[0] == by_prior
-        while tree.depth[node] < end and tree.outcome[node] != FAILED:
+        prior_only = tree.numbers[WALKED] == 0 if rules.one_node else tree.visits[0] == by_prior
+        while tree.depth[node] < end and tree.outcome[node] != FAILED and not (made and rules.one_node):
             action = -1
             if following:
                 action = _planned(tree, beliefs, node)
@@ -178,11 +179,15 @@ def search(
             child = tree.child[node, action]
             if child < 0:
                 child = _expand(tree, road, car, rules, idm, beliefs, node, action)
+                made = True
             steps += 1
             tree.path[steps] = child
             node = child
-        back_up(tree, steps)
-        if early_stop and prior_only and tree.outcome[node] != FAILED:
+        perfect = tree.outcome[node] != FAILED and tree.depth[node] == end
+        if perfect or tree.outcome[node] == FAILED:
+            tree.numbers[WALKED] = 1
+        back_up(tree, steps, perfect)
+        if early_stop and prior_only and perfect:
             tree.numbers[PERFECT_FIRST] = 1
             return simulation + 1
     return simulations
@@ -238,15 +243,19 @@ def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bo
         prior_only: Follow the prior alone, as the first rollout does (the thesis's code).
     """
     w, children = tree.window[node], tree.child[node]
-    # Every walk through a node continues to a child, so its visits are the sum of its children's.
-    root = rules.exploration * math.sqrt(tree.visits[node])
+    # Every walk through a node continues to a child, so its visits are the sum of its children's; but for the walk that
+    # made it, where a simulation adds one node.
+    tried = tree.visits[node] - (1 if rules.one_node and node > 0 else 0)
+    if rules.one_node and tried == 0:
+        prior_only = True
+    root = rules.exploration * math.sqrt(tried)
     untried = tree.value[node] - tree.reward[node] if rules.parent_first else 0.0
     crafted, centre, mass = rules.crafted > 0, int(tree.centre[node, 0]), tree.centre[node, 1]
     depth, mass_learned = tree.depth[node], tree.centre[node, 2]
     la, lb = beliefs.learned[depth, 0], beliefs.learned[depth, 1]
     parts = (1 if crafted else 0) + (1 if la >= 0 else 0)
     uniform = 1.0 / ((w[1] - w[0] + 1.0) * (w[3] - w[2] + 1.0))
-    kernel, rank = beliefs.kernel, beliefs.order
+    kernel, rank, before = beliefs.kernel, beliefs.order, tree.action[node] // ACTIONS
     best, chosen = -math.inf, -1
     for a in range(w[0], w[1] + 1):
         for b in range(w[2], w[3] + 1):
@@ -260,9 +269,11 @@ def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bo
                     p += kernel[abs(a - la)] * kernel[abs(b - lb)] / (mass_learned * parts)
                 score = p if prior_only else untried + root * p
             elif prior_only:
-                score = tree.prior[child] / (1.0 + tree.visits[child])
+                score = tree.prior[child] / (1.0 if rules.one_node else 1.0 + tree.visits[child])
             else:
                 score = tree.value[child] + root * tree.prior[child] / (1.0 + tree.visits[child])
+            if node > 0:
+                score -= rules.effort * abs(a - MIDDLE) + rules.effort_change * abs(a - before)
             if score > best or (score == best and rank[action] < rank[chosen]):
                 best, chosen = score, action
     return int(chosen)
@@ -343,9 +354,9 @@ def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def back_up(tree: Tree, steps: int) -> None:
+def back_up(tree: Tree, steps: int, perfect: bool) -> None:
     """Q <- (N Q + G) / (N + 1), N <- N + 1 along the walk, G being the undiscounted return from each action on."""
-    beyond, perfect = tree.beyond[tree.path[steps]], tree.outcome[tree.path[steps]] != FAILED
+    beyond = tree.beyond[tree.path[steps]]
     total = beyond
     for k in range(1, steps + 1):
         total += tree.reward[tree.path[k]]

@@ -36,11 +36,11 @@ def _mbappe(reported: float | None = None, **settings: Any) -> Arm:
 
 THESIS: Mapping[str, Any] = MappingProxyType(
     {
-        "crafted": "limit", "first_play": "zero", "choice": "visits", "early_stop": True, "reuse": False,
-        "emergency": False, "caution": False, "steering": "wheel",
+        "crafted": "limit", "steering": "wheel", "simulator": "thesis", "walks": "node", "first_play": "zero",
+        "choice": "visits", "early_stop": True, "reuse": False, "emergency": False, "caution": False,
     }
 )  # fmt: skip
-"""Undoes every addition that a setting undoes; the terms of the reward that are ours stay."""
+"""The thesis's planner whole, see CHOICES.md: its grid, priors, reward and search, and none of our additions."""
 ARMS: Mapping[str, Arm] = MappingProxyType(
     {
         "autopilot": Arm("autopilot"),
@@ -59,8 +59,10 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "hold-0.1s": _mbappe(hold_s=0.1),
         "thesis-crafted": _mbappe(crafted="limit", first_play="zero", choice="visits", reuse=False),
         "thesis-wheel": _mbappe(steering="wheel"),
-        "thesis": _mbappe(**THESIS),
-        "thesis-prior-none": _mbappe(prior="none", **THESIS),
+        "thesis": _mbappe(86, **THESIS),
+        "thesis-prior-none": _mbappe(26, prior="none", **THESIS),
+        "thesis-prior-learned": _mbappe(65, prior="learned", **THESIS),
+        "thesis-prior-crafted": _mbappe(82, prior="crafted", **THESIS),
         "learned-everywhere": _mbappe(learned_prior_s=8.0),
         "no-reuse": _mbappe(reuse=False),
         "choice-q": _mbappe(choice="q"),

@@ -29,7 +29,11 @@ CLAIMS: Final = (
         _higher("mbappe", "prior-crafted"),
         _higher("mbappe", "prior-none"),
         _higher("prior-learned", "prior-none", "collisions"),
+        _higher("thesis-prior-learned", "thesis-prior-none"),
+        _higher("thesis-prior-crafted", "thesis-prior-learned"),
+        _higher("thesis", "thesis-prior-crafted"),
         _higher("thesis", "thesis-prior-none"),
+        _higher("thesis-prior-learned", "thesis-prior-none", "collisions"),
     ),
     *of_ablation(
         7,

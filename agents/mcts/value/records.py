@@ -55,7 +55,7 @@ def records_of(scenes: Iterable[Scene], simulations: int, predictor: str = "lear
         simulations: Per search.
         predictor: Makes the forecasts.
     """
-    agent = Mbappe(predictor=predictor, simulations=simulations, emergency=False)
+    agent = Mbappe(predictor=predictor, simulations=simulations)
     nobody = Mission(start=Place(lane=""), goal=Place(lane=""))
     for scene in scenes:
         agent.reset(nobody, 0)

@@ -33,6 +33,7 @@ PLANNERS = [
     lambda: made(RandomShooting),
     lambda: made(steering="wheel"),
     lambda: made(hold_s=0.1, simulations=32),
+    lambda: made(simulator="thesis", walks="node", choice="visits", steering="wheel"),
 ]
 
 
@@ -158,7 +159,9 @@ def test_a_budget_of_time_ends_the_search() -> None:
     assert 0 < why["simulations"] < 50_000
 
 
-@pytest.mark.parametrize("setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}])
+@pytest.mark.parametrize(
+    "setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}, {"walks": "node"}]
+)
 def test_settings_that_make_no_sense_are_refused(setting: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(setting))):
         make_agent(resolve("mbappe"), setting)

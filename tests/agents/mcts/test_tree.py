@@ -14,6 +14,7 @@ from dohyo.agents.mcts.mbappe import CRAFTED_IDM
 from dohyo.agents.mcts.prior import kernel
 from dohyo.agents.mcts.simulator import (
     ACCELERATION,
+    CENTRING,
     COLLISION,
     DEMAND,
     FAILED,
@@ -27,6 +28,7 @@ from dohyo.agents.mcts.simulator import (
     TERMS,
     S,
     X,
+    Y,
     advance,
 )
 from dohyo.agents.mcts.tree import (
@@ -166,11 +168,11 @@ def test_back_up_by_hand() -> None:
     tree.reward[1:4] = 1.0, 2.0, -4.0
     tree.best[:] = -math.inf
     tree.path[:3] = 0, 1, 2
-    back_up(tree, 2)
+    back_up(tree, 2, True)
     assert tree.value[[0, 1, 2]].tolist() == [3.0, 3.0, 2.0]
     tree.outcome[3] = FAILED
     tree.path[:3] = 0, 1, 3
-    back_up(tree, 2)
+    back_up(tree, 2, False)
     assert tree.value[[0, 1, 2, 3]].tolist() == [0.0, 0.0, 2.0, -4.0]
     assert tree.visits[[0, 1, 2, 3]].tolist() == [2, 2, 1, 1]
     assert tree.perfect[[0, 1, 2, 3]].tolist() == [1, 1, 1, 0]
@@ -334,6 +336,37 @@ def test_the_safe_distance_is_missed_in_proportion() -> None:
     assert gap(60.0, 0.0) == 0.0
     assert gap(20.0, 8.0) == 0.0
     assert -3.0 < gap(16.0, 0.0) < gap(20.0, 0.0) < 0.0
+
+
+# The thesis's simulator and search
+
+THESIS = Settings(simulator="thesis", walks="node", choice="visits", prior="none", predictor="constant_velocity")
+
+
+def test_a_simulation_of_the_thesis_adds_one_node_and_follows_the_prior_until_a_walk_ends() -> None:
+    given = rules(THESIS)
+    tree, _ = searched(straight(), given, 8.0, 20)
+    assert tree.numbers[NODES] == 21
+    assert tree.depth[1:9].tolist() == list(range(1, 9))
+    assert tree.perfect[0] == 1
+    assert tree.visits[0] == 20
+
+
+def test_a_failure_of_the_thesis_forfeits_nothing_and_its_boxes_are_larger() -> None:
+    ours, thesis = rules(Settings(predictor="constant_velocity")), rules(THESIS)
+    for x, failed in ((8.0, (True, True)), (12.9, (False, True))):
+        road, terms = straight(cars=[(x, 0.0, 0.0)]), np.zeros(TERMS)
+        found = [advance(road, CAR, given, state_at(8.0), 0, MIDDLE, MIDDLE, MIDDLE, terms) for given in (ours, thesis)]
+        assert [one == FAILED for one in found] == list(failed)
+        assert terms.sum() == terms[COLLISION] == -5.0
+
+
+@pytest.mark.parametrize(("given", "costs"), [(Settings(), False), (THESIS, True)])
+def test_standing_beside_the_centreline_costs_only_in_the_thesis(given: Settings, costs: bool) -> None:
+    road, state, terms = straight(), state_at(0.0), np.zeros(TERMS)
+    state[Y] = 1.0
+    advance(road, CAR, rules(given), state, 0, 0, MIDDLE, 0, terms)
+    assert bool(terms[CENTRING] < -0.4) is costs
 
 
 def test_what_hardly_moves_and_is_not_to_comes_to_rest() -> None:

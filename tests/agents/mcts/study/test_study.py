@@ -46,7 +46,7 @@ def test_the_cells_are_those_of_the_published_tables() -> None:
         benchmark: len({c.scenario for c in cells if c.benchmark == benchmark}) for benchmark in ("val14", "nocrash")
     }
     assert counts == {"val14": 70, "nocrash": 50}
-    assert len(cells) == 70 * 27 + 70 * 4 + 2 * 25 * 3 + 20 * 3
+    assert len(cells) == 70 * 29 + 70 * 4 + 2 * 25 * 3 + 20 * 3
 
 
 @pytest.mark.parametrize(
