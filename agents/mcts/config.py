@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from dohyo.agents.mcts.predicting import PREDICTORS
 from dohyo.evaluation.settings import OneOf
@@ -83,12 +83,6 @@ class Settings(Config):
     caution: bool = True
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
-
-    @model_validator(mode="after")
-    def _walks_can_be_compared(self) -> Settings:
-        if self.walks == "node" and (self.choice == "best" or self.value == "network"):
-            raise ValueError("walks 'node' end at different depths: expected choice 'visits' or 'q', and value 'none'")
-        return self
 
 
 class Rules(NamedTuple):

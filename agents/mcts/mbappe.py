@@ -45,6 +45,7 @@ from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Obser
 from dohyo.evaluation.settings import FieldsOf
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.errors import InvalidInputError
 
 CRAFTED_IDM = Idm(gap=2.0, headway=1.2, acceleration=1.5, braking=2.0, exponent=4.0, least_gap=0.1, hardest=3.0)
 _CHOICES = {"visits": 0, "q": 1, "best": 2}
@@ -55,12 +56,20 @@ class Mbappe(Agent):
     """Planner; its settings are the fields of `config.Settings`.
 
     The same settings, seed and observations give the same actions, except with `budget_ms`.
+
+    Raises:
+        InvalidInputError: The walks of a search cannot be compared as the settings ask for.
     """
 
     spec = AgentSpec(name="mbappe", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
     def __init__(self, **settings: Annotated[Any, FieldsOf(Settings)]) -> None:
-        self.settings = Settings(**settings)
+        self.settings = s = Settings(**settings)
+        if s.walks == "node" and (s.choice == "best" or s.value == "network"):
+            raise InvalidInputError(
+                f"walks 'node' end at different depths: expected choice 'visits' or 'q' and value 'none', "
+                f"got '{s.choice}' and '{s.value}'"
+            )
         self.rules = rules(self.settings)
         self.predictor = make_predictor(self.settings.predictor)
         self._vehicle = VehicleParameters()

@@ -15,6 +15,7 @@ from dohyo.agents.planning.scene import Scene
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import Agent, Mission, make_agent
 from dohyo.evaluation.settings import SettingsError
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Place
 from dohyo.sumo_networks.world import LightState
 from tests.agents.driving import drive, fronts, speeds, touched
@@ -165,6 +166,11 @@ def test_a_budget_of_time_ends_the_search() -> None:
 def test_settings_that_make_no_sense_are_refused(setting: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(setting))):
         make_agent(resolve("mbappe"), setting)
+
+
+def test_walks_of_different_depths_are_not_compared_by_their_best() -> None:
+    with pytest.raises(InvalidInputError, match="expected choice 'visits' or 'q'"):
+        made(walks="node")
 
 
 def test_an_unknown_predictor_is_refused() -> None:
