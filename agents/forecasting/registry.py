@@ -7,6 +7,7 @@ from pathlib import Path
 from dohyo.agents.forecasting.base import Forecaster, read_file
 from dohyo.agents.forecasting.data.scale import Scale
 from dohyo.agents.forecasting.exported import Exported
+from dohyo.agents.forecasting.frontiers import Frontiers
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.registry import NETWORKS
 from dohyo.agents.forecasting.quantiles import Quantiles
@@ -16,7 +17,9 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 CHECKPOINTS = Path(__file__).with_name("checkpoints")
 SIMPLE = {kind.name: kind for kind in (Persistence, HistoricalMean, Linear)}
-NAMES = (*SIMPLE, *NETWORKS, Quantiles.name)
+OWN = {kind.name: kind for kind in (Quantiles, Frontiers)}
+"""Networks with a training of their own."""
+NAMES = (*SIMPLE, *NETWORKS, *OWN)
 
 
 def make_forecaster(
@@ -35,8 +38,8 @@ def make_forecaster(
     """
     if name in SIMPLE:
         return SIMPLE[name](segments, step_s)
-    if name == Quantiles.name:
-        return Quantiles(segments, step_s, settings)
+    if name in OWN:
+        return OWN[name](segments, step_s, settings)
     if name not in NETWORKS:
         raise UnknownNameError("forecaster", name, NAMES)
     return Learned(name, segments, step_s, settings)
@@ -75,7 +78,7 @@ def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
         raise InvalidInputError(f"forecaster '{path}' is damaged: {error}") from error
     forecaster = make_forecaster(facts["forecaster"], segments, step_s)
     forecaster.free_mps = free_mps
-    if isinstance(forecaster, Learned | Quantiles):
+    if isinstance(forecaster, Learned | Quantiles | Frontiers):
         forecaster.scale = scale
     forecaster.restore(tensors)
     return forecaster

@@ -9,8 +9,9 @@ import numpy as np
 from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.speed_table import UNITS
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows
+from dohyo.agents.forecasting.frontiers import Frontiers, congested, frontiers, known
 from dohyo.evaluation.statistics import mean_estimate
-from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,29 @@ def by_stretch(values: Float32Array, windows: Windows) -> FloatArray:
     return np.array(
         [np.nanmean(values[windows.stretch == one].astype(np.float64), axis=(0, 2)) for one in numbers]
     ).reshape(len(numbers), HORIZON)
+
+
+def frontiers_ahead(forecaster: Forecaster, windows: Windows, free_mps: float) -> BoolArray:
+    """(B, 3, N) frontiers that a forecaster expects: its own, or those of the speeds that it forecasts."""
+    if isinstance(forecaster, Frontiers):
+        return np.asarray(forecaster.probabilities(windows.history) > 0.5)
+    return frontiers(congested(forecaster.predict_many(windows.history, windows.time_s), free_mps))
+
+
+def frontier_scores(expected: BoolArray, windows: Windows, free_mps: float) -> dict[str, FloatArray]:
+    """Precision, recall and F1 of expected frontiers (B, 3, N), each (S, 3), %; NaN where there are none."""
+    there, true = known(windows.target), frontiers(congested(windows.target, free_mps))
+    hits, expected_ones, true_ones = (
+        np.array([(some & there)[windows.stretch == one].sum(axis=(0, 2)) for one in np.unique(windows.stretch)], float)
+        for some in (expected & true, expected, true)
+    )
+    with np.errstate(invalid="ignore"):
+        found = {
+            "precision": hits / expected_ones,
+            "recall": hits / true_ones,
+            "f1": 2.0 * hits / (expected_ones + true_ones),
+        }
+    return {f"frontier_{name}": 100.0 * table for name, table in found.items()}
 
 
 def coverage(intervals: Float32Array, windows: Windows) -> tuple[FloatArray, FloatArray]:

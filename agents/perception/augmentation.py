@@ -30,7 +30,7 @@ GREY = (0.299, 0.587, 0.114)
 """Weights of red, green and blue (ITU-R BT.601)."""
 ERASING_ATTEMPTS = 10
 BLOCK = 16
-"""Pictures that a processor changes at once: with more, their numbers leave its cache, which takes five times as long."""
+"""Pictures that a processor changes at once: the numbers of more leave its cache, which takes five times as long."""
 
 
 def random_shift(pictures: Tensor, generator: Generator, *, pad: int) -> Tensor:

@@ -28,7 +28,7 @@ class TransformerTrunk(nn.Module):
         self.features = WIDTH
         self.inward = nn.Linear(segments, WIDTH)
         self.position = nn.Parameter(0.02 * torch.randn(HISTORY, WIDTH))
-        self.blocks = nn.ModuleList(_Block() for _ in range(LAYERS))
+        self.blocks = nn.ModuleList(AttentionBlock() for _ in range(LAYERS))
         self.norm = nn.LayerNorm(WIDTH)
 
     def forward(self, history: Tensor, state: None = None) -> tuple[Tensor, None]:
@@ -39,8 +39,8 @@ class TransformerTrunk(nn.Module):
         return self.norm(tokens[:, -1]), None
 
 
-class _Block(nn.Module):
-    """Attention over time, then a perceptron, each with a residual connection."""
+class AttentionBlock(nn.Module):
+    """(B, L, WIDTH) tokens: attention among them, then a perceptron, each with a residual connection."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -49,11 +49,12 @@ class _Block(nn.Module):
         self.perceptron = nn.Sequential(nn.Linear(WIDTH, 2 * WIDTH), nn.GELU(), nn.Linear(2 * WIDTH, WIDTH))
 
     def forward(self, tokens: Tensor) -> Tensor:
-        batch, minutes, _ = tokens.shape
-        parts = self.inward(self.first(tokens)).view(batch, minutes, 3, HEADS, WIDTH // HEADS)
+        """See the class."""
+        batch, count, _ = tokens.shape
+        parts = self.inward(self.first(tokens)).view(batch, count, 3, HEADS, WIDTH // HEADS)
         query, key, value = parts.permute(2, 0, 3, 1, 4).unbind(0)
         weights = torch.softmax(query @ key.transpose(2, 3) / math.sqrt(WIDTH // HEADS), dim=-1)
-        mixed = (weights @ value).transpose(1, 2).reshape(batch, minutes, WIDTH)
+        mixed = (weights @ value).transpose(1, 2).reshape(batch, count, WIDTH)
         tokens = tokens + self.outward(mixed)
         out: Tensor = tokens + self.perceptron(self.second(tokens))
         return out

@@ -24,7 +24,7 @@ from dohyo.agents.forecasting.data.windows import HORIZON, make_windows
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
 from dohyo.agents.forecasting.quantiles import Quantiles
-from dohyo.agents.forecasting.registry import CHECKPOINTS, SIMPLE, load_forecaster, make_forecaster
+from dohyo.agents.forecasting.registry import CHECKPOINTS, OWN, SIMPLE, load_forecaster, make_forecaster
 from dohyo.agents.forecasting.scores import coverage, errors
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.sumo_networks.files import write_atomically
@@ -52,7 +52,7 @@ class Variant:
     @property
     def arm(self) -> str:
         """Name of the arm."""
-        if self.name in SIMPLE or self.name == Quantiles.name:
+        if self.name in (*SIMPLE, *OWN):
             return self.name
         loss = "mse" if self.depth is None else f"lap{self.depth}"
         balanced, long = "-balanced" * (self.weight != 1.0), "-long" * (self.length > 1)
