@@ -72,7 +72,7 @@ class FrontierNetwork(nn.Module):
         self.place = nn.Parameter(0.02 * torch.randn(segments, WIDTH))
         self.blocks = nn.ModuleList(AttentionBlock() for _ in range(LAYERS))
         self.norm, self.outward = nn.LayerNorm(WIDTH), nn.Linear(WIDTH, HORIZON)
-        self.stays = nn.Parameter(torch.tensor(2.0))
+        self.stays = nn.Parameter(torch.full((1,), 2.0))
 
     def forward(self, history: Tensor, now: Tensor) -> Tensor:
         """See the class."""
