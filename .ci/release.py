@@ -78,6 +78,21 @@ def require_clean(root: Path) -> None:
         raise RefusedError(f"commit first: {len(changed)} changes, such as '{changed[0]}'")
 
 
+def require_replaceable(out: Path) -> None:
+    """Checks that a folder is absent, empty or an earlier release, since it is deleted.
+
+    Raises:
+        RefusedError: It has a file that its SHA256SUMS does not name.
+    """
+    sums = out / "SHA256SUMS"
+    released = (
+        {line.split("  ", 1)[-1] for line in sums.read_text(encoding="utf-8").splitlines()} if sums.exists() else set()
+    )
+    for path in out.iterdir() if out.exists() else ():
+        if path.name not in {*released, "SHA256SUMS"}:
+            raise RefusedError(f"'{out}' holds '{path.name}', which is of no release: choose another folder")
+
+
 def build(root: Path, out: Path) -> Path:
     """Builds the sdist from the commit and the wheel from the sdist, with the commit's time; returns the wheel.
 
@@ -142,6 +157,7 @@ def release(root: Path, out: Path | None) -> None:
     version = version_of(root)
     notes = notes_of((root / "CHANGELOG.md").read_text(encoding="utf-8"), version)
     out = out or root / "dist" / version
+    require_replaceable(out)
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / version
         made.mkdir()

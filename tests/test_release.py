@@ -97,6 +97,25 @@ def test_a_version_that_the_changelog_does_not_have_is_refused(release: ModuleTy
     assert "CHANGELOG.md: no section [0.2.0]" in refusal(release, repository)
 
 
+def test_a_folder_with_other_files_is_never_deleted(
+    release: ModuleType, repository: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    mine = tmp_path_factory.mktemp("home") / "thesis.txt"
+    mine.write_text("three years")
+    for sums in ("", f"{'0' * 64}  other.txt\n"):
+        with pytest.raises(release.RefusedError, match=r"holds 'thesis.txt', which is of no release"):
+            release.release(repository, mine.parent)
+        mine.with_name("SHA256SUMS").write_text(sums)
+    assert mine.read_text() == "three years"
+
+
+def test_an_earlier_release_may_be_replaced(release: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "dohyo.whl").write_text("a wheel")
+    release.write_sums(tmp_path)
+    release.require_replaceable(tmp_path)
+    release.require_replaceable(tmp_path / "absent")
+
+
 def test_this_version_has_notes(release: ModuleType) -> None:
     assert "### " in release.notes_of((ROOT / "CHANGELOG.md").read_text(), release.version_of(ROOT))
 
