@@ -35,6 +35,7 @@ from dohyo.service.cli.by_agent import evaluations_of
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend
 from dohyo.service.cli.commands.freeway import evaluate_on_freeway
 from dohyo.service.cli.commands.parking import evaluate_on_parking
+from dohyo.service.cli.failures import end_driving
 from dohyo.service.cli.mixed import describe_agents, parse_agents, print_meetings, scores_document
 from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
@@ -75,7 +76,10 @@ def evaluate(
     address: Annotated[str | None, typer.Option(help="Address of the Ray cluster; default: this machine.")] = None,
     json: Json = False,
 ) -> None:
-    """Evaluates agents on a benchmark. Run again, it continues where it stopped."""
+    """Evaluates agents on a benchmark. Run again, it continues where it stopped.
+
+    Exit code 1 if an agent failed as a program, or a drive was lost; a bad drive is none of these.
+    """
     find_own_modules()
     family = find_family(benchmark)
     chosen = parse_seeds(seeds) if seeds is not None else None
@@ -113,6 +117,7 @@ def evaluate(
             reverse=reverse,
         )
     (_print_document if json else _print_tables)(result)
+    end_driving(result)
 
 
 def _drivers(agents: Mapping[str, str], settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from dohyo.evaluation.parking.motion import read_motion
 from dohyo.evaluation.parking.page import Evaluated, comparisons, shown_records, write_parking_page
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
+from dohyo.service.cli.failures import end_parking
 from dohyo.service.cli.output import console, interval, print_json, print_rows
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.cli.trust import check_trusted
@@ -42,9 +43,10 @@ def evaluate_on_parking(
         records = evaluate_parking(found, entry, settings, kind_of(entry, dict(settings)), seeds, folder, workers, tell)
     if as_json:
         print_json(_document(found.name, records))
-        return
-    _print({records[0].agent.name: records})
-    console.print(f"report: {(folder / PAGE).resolve()}", soft_wrap=True)
+    else:
+        _print({records[0].agent.name: records})
+        console.print(f"report: {(folder / PAGE).resolve()}", soft_wrap=True)
+    end_parking(records)
 
 
 def report_parking(folders: Sequence[Path], out: Path) -> None:

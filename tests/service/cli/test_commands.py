@@ -145,10 +145,20 @@ def test_the_same_command_again_goes_on(evaluated: tuple[Path, Any], short: Path
 
 def test_settings_reach_the_agent(short: Path, tmp_path: Path, here: Call) -> None:
     arguments = ("--agent", "tests.evaluation.agents:Raises", "--benchmark", str(short), "--seeds", "0", "--json")
-    late = document(here("evaluate", *arguments, "--out", str(tmp_path / "a"), "--set", "after=20"))
-    early = document(here("evaluate", *arguments, "--out", str(tmp_path / "b"), "--set", "after=3"))
-    durations = [json.loads(Path(d["drives"][0]["record"]).read_text())["egos"][0]["duration_s"] for d in (late, early)]
-    assert durations == [2.0, 0.3]
+    late = here("evaluate", *arguments, "--out", str(tmp_path / "a"), "--set", "after=20")
+    early = here("evaluate", *arguments, "--out", str(tmp_path / "b"), "--set", "after=3")
+    drives = [json.loads(result.stdout)["drives"][0] for result in (late, early)]
+    assert [json.loads(Path(one["record"]).read_text())["egos"][0]["duration_s"] for one in drives] == [2.0, 0.3]
+
+
+def test_an_agent_that_fails_as_a_program_is_a_line_and_an_exit_code(short: Path, tmp_path: Path, here: Call) -> None:
+    arguments = ("--agent", "tests.evaluation.agents:Raises", "--benchmark", str(short), "--out", str(tmp_path))
+    for options in ((), ("--json",)):
+        result = here("evaluate", *arguments, *options)
+        assert result.returncode == 1
+        (line,) = result.stderr.splitlines()
+        assert line.startswith("dohyo: Raises failed as a program in 2 of 2 drives; along-s0: ")
+    assert json.loads(result.stdout)["drives"][0]["status"] == "failed: agent raised"
 
 
 def broken(tmp_path: Path, name: str) -> str:
