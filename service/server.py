@@ -20,6 +20,7 @@ from dohyo.service.app import create_app
 from dohyo.service.data_folder import held
 from dohyo.service.database.engine import Database
 from dohyo.service.database.server_lock import server_lock
+from dohyo.service.league.routes import check_league
 from dohyo.service.settings import Settings
 from dohyo.service.state import Services
 from dohyo.service.web.connections import ConnectionLimits, Connections, Loop, protocol
@@ -49,6 +50,8 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
         from dohyo.service.running.cluster import check_cluster  # the extra `cluster`
 
         check_cluster(settings.ray_address)
+    if settings.league:
+        check_league()
     logs.configure()
     with listen(settings) as own:
         token = _prepare(settings)

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-import json
-import math
+from collections import Counter
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 
-import onnx
 from pydantic import Field
 
+from dohyo.agents.league.measures import measures_of
+from dohyo.agents.league.weights import count_parameters
 from dohyo.agents.learning.files.settings import read_settings
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import find_family
 from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 PUBLISHED: Final = Path(__file__).parent / "editions" / "2026-11"
 """Folder of the edition that comes with dohyo, with its rows."""
 DOCUMENT: Final = PUBLISHED / "edition.toml"
 AGENTS: Final = Path(__file__).parents[1]
+
+Label = Annotated[str, Field(pattern=r"^\w[\w. -]{0,99}$")]
+"""A name in rows, of which a folder's name is made."""
+Line = Annotated[str, Field(pattern=r"^[^\r\n|]+$")]
+"""Text in one cell of a table."""
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
 
 
 class Discipline(Config):
@@ -40,14 +47,14 @@ class Discipline(Config):
         then: Measures beside it.
     """
 
-    name: str
-    title: str
+    name: Label
+    title: Line
     told: str
     benchmark: str
     only: tuple[str, ...] = ()
     even: bool = False
-    sample: int | None = None
-    seeds: tuple[int, ...] = ()
+    sample: Annotated[int, Field(ge=1)] | None = None
+    seeds: tuple[Seed, ...] = ()
     headline: str
     then: tuple[str, ...] = ()
 
@@ -55,6 +62,31 @@ class Discipline(Config):
     def family(self) -> Family:
         """Family of the benchmark."""
         return find_family(self.benchmark)
+
+    @property
+    def problem(self) -> str:
+        """What contradicts the family of the benchmark, in a sentence; "": nothing.
+
+        Raises:
+            InvalidInputError: There is no such benchmark.
+        """
+        if unknown := [one for one in (self.headline, *self.then) if one not in self._measures()]:
+            return f"expected measures of '{self.benchmark}' ({', '.join(self._measures())}), got '{unknown[0]}'"
+        if self.family is not Family.DRIVING and (self.only or self.even or self.sample is not None):
+            return f"expected 'only', 'even' and 'sample' of driving alone, got them for '{self.benchmark}'"
+        if self.family is Family.FORECASTING and self.seeds:
+            return f"expected no seeds, since the days of '{self.benchmark}' are fixed, got {list(self.seeds)}"
+        if self.family is Family.PARKING:
+            good = len(self.seeds) == 2 and self.seeds[1] > 0
+            return "" if good else f"expected seeds = [the first seed, the number of lots], got {list(self.seeds)}"
+        if self.family is not Family.FORECASTING and (not self.seeds or len({*self.seeds}) < len(self.seeds)):
+            return f"expected at least one seed, and each once, got {list(self.seeds)}"
+        return ""
+
+    def _measures(self) -> list[str]:
+        """Measures of the rows."""
+        scored = self.family is Family.DRIVING and load_benchmark(self.benchmark).closed_loop
+        return [one for one in measures_of(self.family) if scored or one != "closed_loop"]
 
 
 class Entrant(Config):
@@ -71,14 +103,14 @@ class Entrant(Config):
         reported: The source's own numbers, by discipline, with what they were measured on.
     """
 
-    name: str
+    name: Label
     agent: str = ""
     settings: Mapping[str, Any] = Field(default_factory=dict)
     family: Family
-    system: str
-    thesis: str = ""
+    system: Line
+    thesis: Line | Literal[""] = ""
     weights: tuple[str, ...] = ()
-    reported: Mapping[str, str] = Field(default_factory=dict)
+    reported: Mapping[str, Line] = Field(default_factory=dict)
 
     @property
     def registered(self) -> str:
@@ -87,9 +119,17 @@ class Entrant(Config):
 
     @property
     def parameters(self) -> int:
-        """Number of learned numbers in its weights."""
-        files = [file for one in self.weights for file in _weight_files(AGENTS / one)]
-        return sum(map(_parameters, files))
+        """Number of learned parameters in its weights.
+
+        Raises:
+            InvalidInputError: Weights are missing, or no weights.
+        """
+        return sum(count_parameters(AGENTS / one) for one in self.weights)
+
+    @property
+    def folder(self) -> str:
+        """Its folder's name, without blanks."""
+        return self.name.replace(" ", "-")
 
 
 class Edition(Config):
@@ -103,7 +143,7 @@ class Edition(Config):
         entrants: By their order on the page.
     """
 
-    name: str
+    name: Line
     told: str = ""
     looked_at: str = ""
     disciplines: tuple[Discipline, ...] = Field(alias="discipline")
@@ -132,20 +172,24 @@ def read_edition(path: Path = DOCUMENT) -> Edition:
     Raises:
         InvalidInputError: The file is missing or no edition; the message says why.
     """
-    return read_settings(Edition, path)
+    edition = read_settings(Edition, path)
+    if problem := _problem(edition):
+        raise InvalidInputError(f"'{path}': {problem}")
+    return edition
 
 
-def _weight_files(path: Path) -> list[Path]:
-    """A file, or of a folder its safetensors, or its ONNX files where it has none: they hold the same numbers twice."""
-    if path.is_file():
-        return [path]
-    return sorted(path.rglob("*.safetensors")) or sorted(path.rglob("*.onnx"))
-
-
-@cache
-def _parameters(path: Path) -> int:
-    if path.suffix == ".onnx":
-        return sum(math.prod(one.dims) for one in onnx.load(str(path)).graph.initializer)
-    content = path.read_bytes()
-    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
-    return sum(math.prod(one["shape"]) for name, one in header.items() if name != "__metadata__")
+def _problem(edition: Edition) -> str:
+    """What contradicts itself in an edition, in a sentence; "": nothing."""
+    disciplines = [one.name for one in edition.disciplines]
+    for what, names in (("discipline", disciplines), ("entrant", [one.folder for one in edition.entrants])):
+        if not names:
+            return f"expected at least one {what}, found none"
+        if repeated := [name for name, count in Counter(names).items() if count > 1]:
+            return f"expected different names of {what}s, got '{repeated[0]}' twice"
+    for discipline in edition.disciplines:
+        if discipline.problem:
+            return f"discipline '{discipline.name}': {discipline.problem}"
+    for entrant in edition.entrants:
+        if unknown := [name for name in entrant.reported if name not in disciplines]:
+            return f"entrant '{entrant.name}': expected reported numbers of a discipline, got one of '{unknown[0]}'"
+    return ""

@@ -14,6 +14,7 @@ from dohyo.agents.speed_planning.benchmark import evaluate_controller
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, TrafficBenchmark, load_freeway_benchmark
 from dohyo.evaluation.freeway.result import FreewayResult
@@ -27,6 +28,7 @@ from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.evaluation.scores.driving import infraction_rate_score
 from dohyo.evaluation.scores.nuplan.summary import score_records
 from dohyo.evaluation.summary import score_drive
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Progress = Callable[[float, int], None]
 """Called with what is done and the total."""
@@ -51,12 +53,30 @@ def evaluate(
     return list(_EVALUATE[discipline.family](discipline, entrant, out, workers, progress))
 
 
+def check_entrant(entrant: Entrant) -> None:
+    """Checks what can be checked of an entrant before it drives.
+
+    Raises:
+        InvalidInputError: Its weights are missing, or no agent that drives or parks is registered under its name.
+    """
+    _ = entrant.parameters
+    if entrant.family in (Family.DRIVING, Family.PARKING):
+        resolve(entrant.registered)
+
+
 def missions_of(discipline: Discipline) -> tuple[str, ...]:
-    """Missions to choose from, as patterns for `run_benchmark`."""
+    """Missions to choose from, as patterns for `run_benchmark`.
+
+    Raises:
+        InvalidInputError: Even-numbered missions are wanted, and the missions have no numbers.
+    """
     if not discipline.even:
         return discipline.only
     scenarios = load_benchmark(discipline.benchmark).scenarios([0])
-    return tuple(dict.fromkeys(one.name for one in scenarios if int(one.name.rpartition(".m")[2]) % 2 == 0))
+    numbers = {one.name: one.name.rpartition(".m")[2] for one in select(scenarios, discipline.only)}
+    if unnumbered := [name for name, number in numbers.items() if not number.isdecimal()]:
+        raise InvalidInputError(f"even: expected missions with numbers such as town.m3, got '{unnumbered[0]}'")
+    return tuple(name for name, number in numbers.items() if int(number) % 2 == 0)
 
 
 def _drives(discipline: Discipline, entrant: Entrant, out: Path, workers: int, progress: Progress) -> Iterator[Row]:

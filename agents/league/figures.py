@@ -18,8 +18,10 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Edition, read_edition
-from dohyo.agents.league.standings import MEASURES, Place, standings
-from dohyo.agents.studies.rows import Row, infractions_per_km, is_lost, read_rows
+from dohyo.agents.league.measures import MEASURES
+from dohyo.agents.league.rows import read_comparable_rows
+from dohyo.agents.league.standings import Place, standings
+from dohyo.agents.studies.rows import Row, infractions_per_km, is_lost
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.pictures import write_page
@@ -72,7 +74,8 @@ def speed_figure(edition: Edition, rows: Sequence[Row]) -> go.Figure:
 
 def front(places: Sequence[Place]) -> list[Place]:
     """Places than which nobody is faster and at least as good, the fastest first."""
-    timed = sorted((one for one in places if one.decision_ms is not None), key=lambda one: one.decision_ms or 0.0)
+    measured = [one for one in places if one.decision_ms is not None and one.score.mean is not None]
+    timed = sorted(measured, key=lambda one: one.decision_ms or 0.0)
     kept: list[Place] = []
     for place in timed:
         if not kept or (place.score.mean or 0.0) > (kept[-1].score.mean or 0.0):
@@ -145,7 +148,8 @@ def main() -> None:
     parser.add_argument("--edition", type=Path, default=DOCUMENT)
     parser.add_argument("--out", type=Path, default=Path("out/league"), help="folder of the pages")
     given = parser.parse_args()
-    edition, rows = read_edition(given.edition), read_rows(given.rows)
+    edition = read_edition(given.edition)
+    rows = read_comparable_rows(edition, given.rows)
     for name, draw in (("league-speed", speed_figure), ("league-infractions", profile_figure)):
         for path in write_page(draw(edition, rows), given.out / f"{name}.html", "League"):
             print(f"figure: {path}")

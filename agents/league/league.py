@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
-from dohyo.agents.league.evaluating import Progress, evaluate
+from dohyo.agents.league.evaluating import Progress, check_entrant, evaluate
+from dohyo.agents.league.rows import read_league_rows
 from dohyo.agents.learning.runs.run import surroundings
-from dohyo.agents.studies.rows import Row, is_lost, read_rows
+from dohyo.agents.studies.rows import Row, is_lost
 from dohyo.agents.studies.study import FACTS, ROWS
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.running.lock import held
@@ -51,16 +54,27 @@ def run(
 
     Raises:
         UnknownNameError: A name is not in the edition.
+        InvalidInputError: An entrant cannot be made, or `rows` has rows of another edition.
         SimulationError: SUMO failed.
     """
     folder = rows or out
     chosen = chosen_of(edition, disciplines, entrants)
+    for _, entrant in chosen:
+        check_entrant(entrant)
     with held(folder, "league"):
+        read_league_rows(edition, folder)  # before hours of driving
         for discipline, entrant in chosen:
-            # Blanks are no part of folders' names.
-            place = out / discipline.name / entrant.name.replace(" ", "-")
+            place = out / discipline.name / entrant.folder
             with tell(discipline, entrant) as progress:
-                _replace(folder, edition, evaluate(discipline, entrant, place, workers, progress))
+                _replace(folder, edition, _evaluated(discipline, entrant, place, workers, progress))
+
+
+def _evaluated(discipline: Discipline, entrant: Entrant, out: Path, workers: int, progress: Progress) -> list[Row]:
+    """Rows of an evaluation; an error names it."""
+    try:
+        return evaluate(discipline, entrant, out, workers, progress)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{entrant.name} in {discipline.name}: {error}") from error
 
 
 def chosen_of(
@@ -93,12 +107,16 @@ def _replace(folder: Path, edition: Edition, rows: Sequence[Row]) -> None:
     """Writes the rows of one evaluation in the place of earlier ones, and the command that made them."""
     path, facts = folder / ROWS, folder / FACTS
     mine = (rows[0]["benchmark"], rows[0]["arm"])
-    kept = [row for row in (read_rows(path) if path.exists() else ()) if (row["benchmark"], row["arm"]) != mine]
+    kept = [row for row in read_league_rows(edition, folder) if (row["benchmark"], row["arm"]) != mine]
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(path, "".join(json.dumps(row) + "\n" for row in (*kept, *rows)).encode())
     evaluations = json.loads(facts.read_text())["evaluations"] if facts.exists() else {}
     told = {"edition": edition.name, "evaluations": {**evaluations, "/".join(mine): surroundings()}}
     write_atomically(facts, (json.dumps(told, indent=1) + "\n").encode())
+
+
+NOT_COMPARED: Final = ("decision_ms",)
+"""Fields of a row that depend on the machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,22 +125,32 @@ class Check:
 
     Attributes:
         row: The row.
-        record_hash: Hash of the new record.
+        again: The new row; empty: there is none.
     """
 
     row: Row
-    record_hash: str
+    again: Row
 
     @property
-    def same(self) -> bool:
-        """Whether both hashes are equal."""
-        return bool(self.record_hash == self.row["record_hash"])
+    def differences(self) -> list[str]:
+        """Fields of the row that the new one does not have so: the hash of the record, and every measure."""
+        return [
+            name
+            for name, value in self.row.items()
+            if name not in NOT_COMPARED and not _equal(value, self.again.get(name))
+        ]
+
+
+def _equal(mine: Any, other: Any) -> bool:
+    if isinstance(mine, float) and isinstance(other, int | float):
+        return math.isclose(mine, other, rel_tol=1e-9, abs_tol=1e-9)  # last bits depend on the processor
+    return bool(mine == other)
 
 
 def verify(edition: Edition, rows: Iterable[Row], sample: int, seed: int) -> Iterable[Check]:
     """Drives some rows of each entrant in each discipline again, from nothing.
 
-    Days and mornings have one hash for all of them, so that they are all done again.
+    Days and mornings have one record for all of them, so that they are all done again.
 
     Args:
         edition: Their edition.
@@ -144,11 +172,19 @@ def verify(edition: Edition, rows: Iterable[Row], sample: int, seed: int) -> Ite
         yield from _again(edition.discipline(name), entrants[arm], drawn)
 
 
-def _again(discipline: Discipline, entrant: Entrant, drawn: Sequence[Row]) -> Iterable[Check]:
-    for row in drawn if discipline.family in (Family.DRIVING, Family.PARKING) else drawn[:1]:
-        with tempfile.TemporaryDirectory() as folder:
-            again = evaluate(only(discipline, row), entrant, Path(folder) / "again")
-        yield Check(row, again[0]["record_hash"])
+def _again(discipline: Discipline, entrant: Entrant, drawn: Sequence[Row]) -> Iterator[Check]:
+    if discipline.family in (Family.DRIVING, Family.PARKING):
+        for row in drawn:
+            (again,) = _driven_again(only(discipline, row), entrant)
+            yield Check(row, again)
+    else:
+        by_unit = {one["scenario"]: one for one in _driven_again(discipline, entrant)}
+        yield from (Check(row, by_unit.get(row["scenario"], {})) for row in drawn)
+
+
+def _driven_again(discipline: Discipline, entrant: Entrant) -> list[Row]:
+    with tempfile.TemporaryDirectory() as folder:
+        return evaluate(discipline, entrant, Path(folder) / "again")
 
 
 def only(discipline: Discipline, row: Row) -> Discipline:

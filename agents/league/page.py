@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
-from dohyo.agents.league.standings import MEASURES, Place, mean_of, standings
+from dohyo.agents.league.measures import MEASURES
+from dohyo.agents.league.standings import Place, mean_of, standings
 from dohyo.agents.studies.rows import Row, infractions_per_km
 from dohyo.agents.studies.tables import anchor, fixed
 from dohyo.evaluation.families import Family
@@ -46,7 +47,7 @@ _RULES: Final = """## Rules
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 % after Holm's correction over all pairs of a discipline. Intervals are 95 % bootstraps over drives, not corrected.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
-* `dohyo league run` resumes; `dohyo league verify --sample 2` drives two rows of everybody again and compares the hashes of the records.
+* `dohyo league run` resumes; `dohyo league verify --sample 2` drives two rows of everybody again and compares the hashes of the records, and every measure.
 * Numbers of the sources were measured in other simulators, with other traffic and roads. They stand here to be seen, not to be compared."""  # noqa: E501
 
 
@@ -81,7 +82,7 @@ def _section(discipline: Discipline, places: Sequence[Place]) -> list[str]:
     told = f"{discipline.told} Benchmark `{discipline.benchmark}`, ranked by {MEASURES[discipline.headline].title}."
     lines = [_line(discipline, places, place) for place in places]
     measures = [MEASURES[one].title for one in (discipline.headline, *discipline.then)]
-    per_km = ["infractions per km"] if discipline.family is Family.DRIVING else []
+    per_km = ["infractions per km driven"] if discipline.family is Family.DRIVING else []
     heads = ["", "entrant", *measures, *per_km, _UNITS[discipline.family], "ms", "better than", "its source says"]
     return [told, markdown(heads, lines)]
 
@@ -105,8 +106,12 @@ def _line(discipline: Discipline, places: Sequence[Place], place: Place) -> list
     source = place.entrant.reported.get(discipline.name)
     told = f"*{source}*" if source else MISSING
     shown = [f"**{one}**" if place.leads else one for one in (name, scores[0])]
-    rank = f"{places.index(place) + 1}"
-    return [rank, shown[0], shown[1], *scores[1:], *per_km, units, decision, ahead, told]
+    return [f"{_rank(place, places)}", shown[0], shown[1], *scores[1:], *per_km, units, decision, ahead, told]
+
+
+def _rank(place: Place, places: Sequence[Place]) -> int:
+    """Number of entrants with a better mean, and 1."""
+    return 1 + next(number for number, one in enumerate(places) if one.score.mean == place.score.mean)
 
 
 def _most_frequent(rows: Sequence[Row], count: int = 3) -> str:

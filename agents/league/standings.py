@@ -2,51 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from statistics import median
 from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Entrant
+from dohyo.agents.league.measures import MEASURES, Measure
 from dohyo.agents.studies.claims import Claim, Judgement, judge
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, of_shares
 from dohyo.agents.studies.rows import Row, is_lost, matched
 from dohyo.evaluation.statistics import Estimate, mean_estimate
 
 LEVEL: Final = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class Measure:
-    """A measure of the rows.
-
-    Attributes:
-        title: Name for people, with its unit.
-        lower: Whether lower values are better.
-        share: Whether each drive has 0 or 100.
-        digits: Decimals.
-    """
-
-    title: str
-    lower: bool = False
-    share: bool = False
-    digits: int = 1
-
-
-MEASURES: Final[Mapping[str, Measure]] = {
-    "driving_score": Measure("driving score"),
-    "nocrash_success": Measure("success without a collision, %", share=True),
-    "success": Measure("success, %"),
-    "route_completion": Measure("route completion, %"),
-    "irs": Measure("infraction rate score"),
-    "closed_loop": Measure("closed-loop score"),
-    "aligned": Measure("aligned, % of successes"),
-    "time_s": Measure("time, s", lower=True),
-    "mse": Measure("MSE x 1000", lower=True, digits=2),
-    "speed_std_mps": Measure("deviation of all speeds, m/s", lower=True, digits=2),
-    "throughput_vph": Measure("throughput, vehicles/h", digits=0),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +61,17 @@ def standings(discipline: Discipline, entrants: Iterable[Entrant], rows: Sequenc
         kept = [row for row in own if not is_lost(row)]
         score = mean_of(kept, one.name, discipline.headline)
         places.append(Place(one, kept, len(own) - len(kept), score, ahead, behind, leads=False))
-    places.sort(key=lambda place: (place.score.mean or 0.0) * (1.0 if measure.lower else -1.0))
-    return [replace(place, leads=places[0].entrant.name not in place.behind) for place in places]
+    places.sort(key=lambda place: _order(place.score, measure))
+    return [replace(place, leads=_leads(place, places[0])) for place in places]
+
+
+def _order(score: Estimate, measure: Measure) -> tuple[bool, float]:
+    """Key by which the best comes first, and who has no value last."""
+    return score.mean is None, (score.mean or 0.0) * (1.0 if measure.lower else -1.0)
+
+
+def _leads(place: Place, first: Place) -> bool:
+    return place.score.mean is not None and first.entrant.name not in place.behind
 
 
 def _better(discipline: Discipline, entrants: Sequence[Entrant], rows: Sequence[Row]) -> list[tuple[str, str]]:

@@ -72,7 +72,7 @@ COMMANDS: dict[str, Command | Group] = {
             "table": Command("league:table", "Makes the league's page from stored rows."),
             "verify": Command(
                 "league:verify",
-                "Drives rows of the league again. Exit code 1 if the hash of a record differs.",
+                "Drives rows of the league again. Exit code 1 if a record's hash or a measure differs.",
             ),
         },
     ),

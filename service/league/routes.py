@@ -8,12 +8,14 @@ from functools import cache
 from fastapi import APIRouter
 
 from dohyo.agents.league.edition import PUBLISHED, Discipline, read_edition
-from dohyo.agents.league.standings import MEASURES, Place, mean_of, standings
-from dohyo.agents.studies.rows import read_rows
+from dohyo.agents.league.measures import MEASURES
+from dohyo.agents.league.rows import read_comparable_rows
+from dohyo.agents.league.standings import Place, mean_of, standings
 from dohyo.service.accounts.access import Reader
 from dohyo.service.league.views import LeagueDisciplineView, LeagueMeasureView, LeaguePlaceView, LeagueView
 from dohyo.service.web.documents import problems
 from dohyo.service.web.heavy import heavy_read
+from dohyo.sumo_networks.errors import InvalidInputError
 
 router = APIRouter(prefix="/v1/league", tags=["leaderboard"])
 
@@ -22,13 +24,26 @@ router = APIRouter(prefix="/v1/league", tags=["leaderboard"])
 @heavy_read
 def get_league(caller: Reader) -> LeagueView:
     """Dohyo's own systems in parts of benchmarks, with paired tests between all of them."""
-    return league()
+    try:
+        return league()
+    except InvalidInputError as error:  # no fault of the caller: the rows come with dohyo
+        raise RuntimeError(str(error)) from error
+
+
+def check_league() -> None:
+    """Checks that the league can be shown.
+
+    Raises:
+        InvalidInputError: The edition or its rows are damaged.
+    """
+    read_comparable_rows(read_edition(), PUBLISHED)
 
 
 @cache
 def league() -> LeagueView:
     """The standings, which do not change while a service runs."""
-    edition, rows = read_edition(), read_rows(PUBLISHED)
+    edition = read_edition()
+    rows = read_comparable_rows(edition, PUBLISHED)
     return LeagueView(
         edition=edition.name,
         told=edition.told,

@@ -13,7 +13,7 @@ from dohyo.agents.league import figures, league, localization
 from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Discipline, Entrant, read_edition
 from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
-from dohyo.agents.studies.rows import read_rows
+from dohyo.agents.league.rows import read_comparable_rows, read_league_rows
 from dohyo.service.cli.output import console
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
@@ -57,7 +57,8 @@ def table(
 ) -> None:
     """Makes the league's page from stored rows."""
     more = f"{figures.SECTION}\n\n{localization.section()}" if edition == DOCUMENT else ""
-    text = page(read_edition(edition), _stored(rows), more)
+    chosen = read_edition(edition)
+    text = page(chosen, read_comparable_rows(chosen, rows or PUBLISHED), more)
     if out is None:
         print(text)  # Markdown, for files and pipes
     else:
@@ -72,22 +73,20 @@ def verify(
     disciplines: Annotated[str | None, typer.Option(help="Names, such as town,city; default: all.")] = None,
     edition: EditionFile = DOCUMENT,
 ) -> None:
-    """Drives rows of the league again. Exit code 1 if the hash of a record differs."""
+    """Drives rows of the league again. Exit code 1 if a record's hash or a measure differs."""
     find_own_modules()
-    wanted = set(disciplines.split(",")) if disciplines else None
-    chosen = [row for row in _stored(rows) if wanted is None or row["benchmark"] in wanted]
+    chosen = read_edition(edition)
+    wanted = [chosen.discipline(name).name for name in disciplines.split(",")] if disciplines else None
+    stored = [
+        row for row in read_league_rows(chosen, rows or PUBLISHED) if wanted is None or row["benchmark"] in wanted
+    ]
+    if not stored:
+        raise InvalidInputError(f"'{rows or PUBLISHED}': expected rows of the league, found none")
     same = True
-    for check in league.verify(read_edition(edition), chosen, sample, seed):
-        row = check.row
-        told = "same" if check.same else f"differs: {row['record_hash'][:12]} before, {check.record_hash[:12]} now"
+    for check in league.verify(chosen, stored, sample, seed):
+        row, differences = check.row, check.differences
+        told = f"differs: {', '.join(differences)}" if differences else "same"
         console.print(f"{row['arm']} in {row['benchmark']}, {row['scenario']} s{row['seed']}: {told}")
-        same &= check.same
+        same &= not differences
     if not same:
         raise typer.Exit(DIFFERS)
-
-
-def _stored(folder: Path | None) -> list[dict[str, object]]:
-    found = read_rows(folder or PUBLISHED)
-    if not found:
-        raise InvalidInputError(f"'{folder or PUBLISHED}': expected rows of the league, found none")
-    return found

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -12,6 +15,7 @@ from dohyo.agents.league import league
 from dohyo.agents.league.edition import Edition, read_edition
 from dohyo.agents.league.figures import front, profiles
 from dohyo.agents.league.page import page
+from dohyo.agents.league.rows import read_comparable_rows
 from dohyo.agents.league.standings import standings
 from dohyo.agents.registry import agent_entries
 from dohyo.agents.studies.arms import Cell
@@ -114,9 +118,10 @@ def test_rows_driven_again_have_the_same_hashes_and_a_changed_one_is_found(drive
     done = dohyo.invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert done.output.count(": same") == 2
-    changed = [{**row, "record_hash": "0" * 64} for row in read_rows(driven)]
+    drive, lot, _ = sorted(read_rows(driven), key=lambda row: str(row["benchmark"]))
+    changed = [{**drive, "record_hash": "0" * 64}, {**lot, "success": 50.0, "time_s": 1.0}]
     checks = league.verify(read_edition(edition), changed, 1, 0)
-    assert [check.same for check in checks] == [False, False]
+    assert [check.differences for check in checks] == [["record_hash"], ["success", "time_s"]]
 
 
 def test_a_row_is_driven_again_alone_with_its_seed_or_that_of_its_excerpt() -> None:
@@ -153,6 +158,20 @@ def test_lower_errors_lead() -> None:
     rows = [row | {"mse": row["driving_score"]} for row in rows_of(a=[9.0] * 20, b=[3.0] * 20)]
     first, second = standings(errors, edition.entrants, rows)
     assert (first.entrant.name, first.ahead_of, second.behind) == ("b", ("a",), ("b",))
+
+
+def test_equal_scores_share_a_place_and_who_has_no_value_comes_last() -> None:
+    edition = of_drivers("a", "b", "c")
+    text = page(edition, rows_of(a=[50.0] * 3, b=[70.0] * 3, c=[70.0] * 3))
+    assert [line.split(" |")[0] for line in text.splitlines() if line.startswith(("| 1 ", "| 3 "))] == [
+        "| 1",
+        "| 1",
+        "| 3",
+    ]
+    times = edition.disciplines[0].model_copy(update={"headline": "time_s"})
+    rows = [row | {"time_s": None if row["arm"] == "a" else 9.0} for row in rows_of(a=[0.0] * 3, b=[0.0] * 3)]
+    first, last = standings(times, edition.entrants, rows)
+    assert [(place.entrant.name, place.leads) for place in (first, last)] == [("b", True), ("a", False)]
 
 
 def test_lost_drives_are_counted_and_in_no_mean() -> None:
@@ -213,6 +232,99 @@ def test_a_file_that_is_no_edition_is_refused(tmp_path: Path, text: str, said: s
     (tmp_path / "edition.toml").write_text(text)
     with pytest.raises(InvalidInputError, match=said):
         read_edition(tmp_path / "edition.toml")
+
+
+BROKEN: Mapping[str, tuple[str, str, str]] = {
+    "unknown benchmark": ("quickstart", "quickstrat", "no benchmark named 'quickstrat'"),
+    "negative seed": ("[5]", "[-5]", "seeds.0: Input should be greater than or equal to 0, got -5"),
+    "seed twice": ("[5]", "[5, 5]", "discipline 'junction': expected at least one seed, and each once"),
+    "no seed": ("seeds = [5]", "", "discipline 'junction': expected at least one seed, and each once, got []"),
+    "no mission": ("sample = 1", "sample = 0", "sample: Input should be greater than or equal to 1, got 0"),
+    "unknown measure": ("driving_score", "drving_score", "expected measures of 'quickstart' (driving_score, "),
+    "measure of another family": ('["aligned", "time_s"]', '["irs"]', "expected measures of 'parking-simple'"),
+    "measure of recorded traffic": ('"driving_score"', '"closed_loop"', "expected measures of 'quickstart'"),
+    "no pair of seeds": ("[1079000000, 2]", "[5, 6, 7]", "expected seeds = [the first seed, the number of lots]"),
+    "sample of lots": ("[1079000000, 2]", "[5, 6]\nsample = 3", "'only', 'even' and 'sample' of driving alone"),
+    "name that leaves its folder": ('"junction"', '"../junction"', "discipline.0.name: String should match"),
+    "title of two lines": ('"A junction"', '"A\\n# junction"', "discipline.0.title: String should match"),
+    "names of one folder": ('name = "three karts"', 'name = "reckless"', "expected different names of entrants"),
+    "number of nowhere": ("{ junction =", "{ town =", "entrant 'reckless': expected reported numbers of a discipline"),
+    "unknown agent": ('agent = "parking"', 'agent = "parkin"', "no agent named 'parkin'; did you mean 'parking'"),
+    "weights that are missing": ("three.safetensors", "five.safetensors", "expected weights (.safetensors or .onnx)"),
+    "weights that are none": ("checkpoints/three.safetensors", "README.md", "expected weights as safetensors or ONNX"),
+    "wrong type": ("sample = 1", 'sample = "many"', "sample: Input should be a valid integer"),
+    "missions without numbers": ("sample = 1", "even = true", "reckless in junction: even: expected missions with"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_an_edition_that_cannot_be_driven_is_refused_in_one_sentence(tmp_path: Path, case: str) -> None:
+    old, new, said = BROKEN[case]
+    assert old in SMALL
+    (tmp_path / "edition.toml").write_text(SMALL.replace(old, new, 1))
+    arguments = ["league", "run", "--edition", str(tmp_path / "edition.toml"), "--out", str(tmp_path / "out")]
+    done = dohyo.invoke(app, arguments)
+    assert isinstance(done.exception, InvalidInputError)
+    assert said in str(done.exception)
+    assert "\n" not in str(done.exception)
+    assert not list(tmp_path.rglob("*.jsonl"))
+
+
+def test_an_edition_without_entrants_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "edition.toml").write_text("entrant = []\n" + SMALL.partition("[[entrant]]")[0])
+    with pytest.raises(InvalidInputError, match="expected at least one entrant, found none"):
+        read_edition(tmp_path / "edition.toml")
+
+
+def drives(**changed: Any) -> str:
+    """Lines of two entrants; values of the first are changed, or left out where they are None."""
+    good = [row | {"record_hash": "0" * 64} for row in rows_of(reckless=[50.0, 60.0])]
+    first = {name: value for name, value in (good[0] | changed).items() if value is not None or name in Cell._fields}
+    return "".join(f"{json.dumps(row)}\n" for row in (first, *good[1:]))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (drives()[:-20], "line 2: expected a JSON object, got '{"),
+        ("3\n", "line 1: expected a JSON object, got '3'"),
+        ("{}\n", "line 1: expected a row with arm, training_seed, benchmark, scenario, seed, got {}"),
+        (drives(arm="nobody"), "line 1: edition 'small' has no 'nobody' in 'junction'"),
+        (drives(benchmark="lots"), "line 1: edition 'small' has no 'reckless' in 'lots'"),
+        (drives(benchmark=["junction"]), "line 1: edition 'small' has no 'reckless' in "),
+        (drives(scenario="m1"), "line 2: reckless in junction, m1 s1, comes twice"),
+        (drives(scenario=[]), "line 1: expected a scenario's name and a seed, got [] and 1"),
+        (drives(driving_score="high"), "line 1: expected a number as driving_score, got 'high'"),
+        (drives(driving_score=math.nan), "line 1: expected a number as driving_score, got nan"),
+        (drives(driven_m=-1.0), "line 1: expected metres as driven_m, got -1.0"),
+        (drives(infractions={"sneezing": 1}), "line 1: expected infractions by kind, got {'sneezing': 1}"),
+        (drives(record_hash=None), "line 1: expected the hash of a record, got None"),
+    ],
+)
+def test_rows_that_are_damaged_or_of_another_edition_are_refused(
+    tmp_path: Path, edition: Path, text: str, said: str
+) -> None:
+    (tmp_path / "rows.jsonl").write_text(text)
+    for command in ("table", "verify"):
+        done = dohyo.invoke(app, ["league", command, "--edition", str(edition), "--rows", str(tmp_path)])
+        assert isinstance(done.exception, InvalidInputError)
+        assert said in str(done.exception)
+
+
+def test_standings_of_different_drives_are_refused(tmp_path: Path) -> None:
+    edition = of_drivers("a", "b")
+    rows = [row | {"record_hash": "0" * 64} for row in rows_of(a=[1.0, 2.0, 3.0], b=[1.0, 2.0])]
+    (tmp_path / "rows.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    with pytest.raises(InvalidInputError, match=r"in junction, and b has 2 of 3 \(not m2 s1\)"):
+        read_comparable_rows(edition, tmp_path)
+
+
+def test_a_run_keeps_no_rows_that_it_cannot_read(tmp_path: Path, edition: Path) -> None:
+    (tmp_path / "rows.jsonl").write_text("torn")
+    with pytest.raises(InvalidInputError, match="line 1: expected a JSON object"):
+        league.run(read_edition(edition), tmp_path, disciplines=["lots"])
+    assert (tmp_path / "rows.jsonl").read_text() == "torn"
+    assert not (tmp_path / "lots").exists()
 
 
 def test_names_that_are_not_there_and_rows_that_are_missing_are_refused(edition: Path, tmp_path: Path) -> None:

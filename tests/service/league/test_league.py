@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from dohyo.agents.league.edition import read_edition
+from dohyo.service.league import routes
+from dohyo.service.server import run
+from dohyo.service.settings import Settings
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, running
 
 
@@ -22,6 +28,20 @@ def test_the_standings_are_those_of_the_published_rows(service: Harness) -> None
 
 def test_who_may_read_nothing_reads_no_standings(private: Harness) -> None:
     assert private.client.get("/v1/league").status_code == 401
+
+
+def test_damaged_rows_are_no_fault_of_the_reader_and_keep_a_service_from_its_start(
+    service: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "rows.jsonl").write_text('{"arm": "mbappe", "benchm')
+    monkeypatch.setattr(routes, "PUBLISHED", tmp_path)
+    routes.league.cache_clear()
+    answer = service.client.get("/v1/league")
+    assert answer.status_code == 500
+    assert "rows.jsonl" not in answer.text
+    with pytest.raises(InvalidInputError, match="line 1: expected a JSON object"):
+        run(Settings(data=tmp_path / "data", league=True), lambda url, token: None)
+    assert not (tmp_path / "data").exists()
 
 
 def test_the_pages_lead_to_the_league_where_the_operator_wants_it(service: Harness, tmp_path: Path) -> None:
