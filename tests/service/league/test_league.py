@@ -40,8 +40,8 @@ def test_damaged_rows_are_no_fault_of_the_reader_and_keep_a_service_from_its_sta
     assert answer.status_code == 500
     assert "rows.jsonl" not in answer.text
     with pytest.raises(InvalidInputError, match="line 1: expected a JSON object"):
-        run(Settings(data=tmp_path / "data", league=True), lambda url, token: None)
-    assert not (tmp_path / "data").exists()
+        run(Settings(data=tmp_path / "refused", league=True), lambda url, token: None)
+    assert not (tmp_path / "refused").exists()
 
 
 def test_the_pages_lead_to_the_league_where_the_operator_wants_it(service: Harness, tmp_path: Path) -> None:
