@@ -12,6 +12,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from dohyo.agents.experts.detour import Detour
+from dohyo.agents.experts.gaps import PASSING_ACCELERATION
 from dohyo.agents.experts.proposals import (
     COMFORT,
     DAC,
@@ -34,14 +36,18 @@ from dohyo.agents.experts.proposals import (
 )
 from dohyo.agents.planning.motion import Idm, body
 from dohyo.agents.planning.prediction import constant_velocity
-from dohyo.agents.planning.scene import SENSORS, SceneBuilder
-from dohyo.agents.planning.situation import situation
+from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
+from dohyo.agents.planning.situation import Situation, situation
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 
 MODEL = Idm(gap=1.0, headway=1.5, acceleration=1.5, braking=3.0, exponent=10.0, least_gap=1.0, hardest=3.0)
+PASSING_MODEL = MODEL._replace(acceleration=PASSING_ACCELERATION)
+"""While it passes: the gaps are judged for that acceleration (ours)."""
+RETURN_BONUS = 0.05
+"""Of the proposals on the centreline, until the ego is back in the middle of its lane (ours)."""
 MAX_SPEED = 15.0
 CURVE_LATERAL, CURVE_BRAKING, LATERAL_LIMIT = 2.5, 1.5, 6.0
 CORRIDOR_MARGIN_M = 0.2
@@ -62,17 +68,19 @@ class PdmClosed(Agent):
             faster ego hits pedestrians that step out and leaders that brake hard. "careful" (ours) has an emergency
             brake of 8 m/s^2 at any speed, also where the best proposal leaves the road; waits for pedestrians about to
             cross; and changes its braking gradually.
+        passing: Whether "careful" goes round what stands in its lane (ours); "published" never does.
     """
 
     spec = AgentSpec(name="pdm-closed", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
-    def __init__(self, variant: Variant = "careful") -> None:
+    def __init__(self, variant: Variant = "careful", passing: bool = True) -> None:
         if variant not in get_args(Variant):
             raise InvalidInputError(f"agent 'pdm-closed': expected variant 'careful' or 'published', got '{variant}'")
         self._careful = variant == "careful"
         self._vehicle = VehicleParameters()
         self._car = body(self._vehicle, LATERAL_LIMIT)
         self._builder = SceneBuilder()
+        self._detour = Detour(self._vehicle.length, self._vehicle.width) if passing and self._careful else None
         self._states = np.zeros((PROPOSALS, STEPS + 1, STATE))
         self._scores = np.zeros((PROPOSALS, SCORES))
         self._chosen, self._braking = -1, False
@@ -80,23 +88,24 @@ class PdmClosed(Agent):
 
     def warm_up(self) -> None:
         """Decides on an empty road."""
+        Detour.warm_up()
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""
         self._builder.reset()
+        if self._detour is not None:
+            self._detour.reset()
         self._chosen, self._braking = -1, False
         self._asked.clear()
 
     def act(self, observation: Observation) -> np.ndarray:
         """First step of the best proposal, or an emergency brake."""
         scene = self._builder.update(observation)
-        road = situation(
-            scene, constant_velocity(scene), max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING
-        )  # fmt: skip
+        road, model = self._look(observation, scene)
         ego, start = scene.ego, np.zeros(STATE)
         start[:6] = -self._car.axle, 0.0, 0.0, ego.speed, ego.acceleration, ego.steering
-        roll_out(road, self._car, MODEL, LINE_GAP_M, CORRIDOR_MARGIN_M, start, self._states, self._careful)
+        roll_out(road, self._car, model, LINE_GAP_M, CORRIDOR_MARGIN_M, start, self._states, self._careful)
         score(road, self._car, self._states, self._scores)
         best = self._best()
         wheel, demand = self._states[best, 0, -2:]
@@ -108,6 +117,18 @@ class PdmClosed(Agent):
         elif self._careful:
             demand = self._eased(float(demand), ego.speed)
         return np.array([demand, wheel / self._vehicle.max_steering])
+
+    def _look(self, observation: Observation, scene: Scene) -> tuple[Situation, Idm]:
+        """Situation along the route, or along the way round what stands on it, and how to follow others there."""
+        forecast, model = constant_velocity(scene), MODEL
+        if self._detour is not None:
+            self._detour.update(observation, scene)
+            forecast = self._detour.cleared(scene, forecast)
+        road = situation(scene, forecast, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING)
+        if self._detour is not None:
+            road = self._detour.applied(road, LINE_GAP_M)
+            model = PASSING_MODEL if self._detour.passing else MODEL
+        return road, model
 
     def _eased(self, demand: float, speed: float) -> float:
         """Demanded acceleration, changed by no more than comfort allows within a second."""
@@ -128,6 +149,8 @@ class PdmClosed(Agent):
     def _best(self) -> int:
         """The highest score; among equals the one on the centreline, then the slowest where all are bad."""
         totals = self._scores[:, TOTAL]
+        if self._detour is not None and self._detour.returning:
+            totals = totals - RETURN_BONUS * (np.arange(PROPOSALS) >= len(FACTORS))
         if totals.max() <= 0.0:  # whichever fails last; the slower among equals
             return int(np.argmax(np.minimum(self._scores[:, [MET_AT, OFF_AT]].min(axis=1), 1e3)))
         return int(np.argmax(totals.round(9)))

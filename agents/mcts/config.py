@@ -22,8 +22,9 @@ ACTIONS = 13
 """Values of either part of an action (thesis)."""
 MIDDLE = 6
 """Index of no acceleration, and of no deviation (thesis)."""
-LARGEST = 10
-"""Index of the largest acceleration allowed, 2 m/s^2 (the thesis's code gives the two above it a prior of 0)."""
+LARGEST, LARGEST_PASSING = 10, 12
+"""Index of the largest acceleration allowed, 2 m/s^2 (the thesis's code gives the two above it a prior of 0); 3 m/s^2
+while the ego passes an obstacle (ours)."""
 HORIZON_S = 8.0
 """Thesis: 6 to 8 s; its code: 8 s."""
 DT = 0.1
@@ -59,6 +60,7 @@ class Settings(Config):
         emergency: Where the plan fails soon, search again as if the ego had been braking, and else brake hard (ours;
             the brake is PDM's idea).
         caution: Actors ahead in the lane are not expected to clear it early, see `caution` (ours).
+        passing: Go round what stands in the lane, along a path shifted to the side, see `detour` (ours).
         value: "network" ends walks early, and adds the value network's estimate (ours).
         value_depth_s: Depth at which walks then end, s.
     """
@@ -81,6 +83,7 @@ class Settings(Config):
     reuse: bool = True
     emergency: bool = True
     caution: bool = True
+    passing: bool = True
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
 
@@ -99,6 +102,7 @@ class Rules(NamedTuple):
         exploration: c of PUCT (thesis: 2).
         root_window: Index distance at the root, exclusive (the thesis's code: 5).
         node_window: Index distance below it, exclusive (the thesis's code: 3; its text: 4, so 7 x 7).
+        largest: Index of the largest acceleration allowed.
         standing: Below this speed acceleration is unconstrained, m/s (the thesis's code gives "extra freedom").
         variance: sigma^2 of the priors (thesis: 100).
         crafted: 0 none, 1 towards the limit, 2 IDM.
@@ -145,6 +149,7 @@ class Rules(NamedTuple):
     exploration: float
     root_window: int
     node_window: int
+    largest: int
     standing: float
     variance: float
     crafted: int
@@ -215,6 +220,7 @@ def rules(settings: Settings) -> Rules:
         exploration=2.0,
         root_window=5 if settings.constraints in ("tree", "both") else FREE,
         node_window=3 if settings.constraints in ("node", "both") else FREE,
+        largest=LARGEST,
         standing=0.5,
         variance=settings.prior_variance,
         crafted=crafted,

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from dohyo.agents.experts.detour import Detour
 from dohyo.agents.mcts.caution import cautious
 from dohyo.agents.mcts.config import (
     ACTIONS,
@@ -21,6 +22,8 @@ from dohyo.agents.mcts.config import (
     EMERGENCY_S,
     HARDEST,
     HORIZON_S,
+    LARGEST,
+    LARGEST_PASSING,
     LATERAL_LIMIT,
     LATERAL_MASK,
     LET_GO,
@@ -33,10 +36,10 @@ from dohyo.agents.mcts.config import (
 from dohyo.agents.mcts.explanation import explain_search
 from dohyo.agents.mcts.predicting import make_predictor
 from dohyo.agents.mcts.prior import kernel, learned_actions
-from dohyo.agents.mcts.simulator import FAILED, STANDING, STATE, controls
+from dohyo.agents.mcts.simulator import FAILED, REACH_M, STANDING, STATE, controls
 from dohyo.agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
 from dohyo.agents.mcts.value.mlp import load_value, no_value
-from dohyo.agents.planning.motion import Idm, body, limited_steering, pursuit
+from dohyo.agents.planning.motion import Idm, body, limited_steering, project, pursuit
 from dohyo.agents.planning.prediction import Forecast
 from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
 from dohyo.agents.planning.situation import ROAD_BIT, Situation, box_on_grid, situation
@@ -78,15 +81,19 @@ class Mbappe(Agent):
         self._kernel = kernel(self.settings.prior_variance)
         self._value = load_value() if self.settings.value == "network" else no_value()
         self.builder = SceneBuilder()
+        self._detour = Detour(self.car.length, self.car.width) if self.settings.passing else None
         self._forget(seed=0)
 
     def warm_up(self) -> None:
         """Decides on an empty road."""
+        Detour.warm_up()
         self.act(empty_road(self.spec.sensors))
 
     def reset(self, mission: Mission, seed: int) -> None:
         """Clears the state of the last episode."""
         self.builder.reset()
+        if self._detour is not None:
+            self._detour.reset()
         self._forget(seed)
 
     def close(self) -> None:
@@ -104,7 +111,11 @@ class Mbappe(Agent):
 
     def act(self, observation: Observation) -> np.ndarray:
         """First 0.1 s of the best plan: acceleration, and steering as a share of full lock."""
-        road, state, forecast = self.look(self.builder.update(observation))
+        scene = self.builder.update(observation)
+        if self._detour is not None:
+            self._detour.update(observation, scene)
+            self.rules = self.rules._replace(largest=LARGEST_PASSING if self._detour.passing else LARGEST)
+        road, state, forecast = self.look(scene)
         decision = self.decide(road, state, forecast)
         demand, wheel = self._command(road, state, decision)
         # An emergency's brakes are released faster than comfort allows, down to the hardest action's.
@@ -112,10 +123,14 @@ class Mbappe(Agent):
         return np.array([demand, wheel / self._vehicle.max_steering])
 
     def look(self, scene: Scene) -> tuple[Situation, FloatArray, Forecast]:
-        """Situation of a scene, the ego's state in it, and the forecast."""
+        """Situation of a scene, the ego's state in it, and the forecast; passing as judged at the last `act`."""
         forecast = self.predictor.predict(scene)
         others = cautious(scene, forecast.actors) if self.settings.caution else forecast.actors
+        if self._detour is not None:
+            others = self._detour.cleared(scene, others)
         road = situation(scene, others, max_speed=MAX_SPEED, curve=CURVE_LATERAL, braking=CURVE_BRAKING)
+        if self._detour is not None:
+            road = self._detour.applied(road, self.rules.line_gap)
         self.scene, self.road = scene, road
         return road, self._root(scene, road), forecast
 
@@ -205,7 +220,7 @@ class Mbappe(Agent):
         on_road = box_on_grid(road.grid, 0.0, 0.0, 1.0, 0.0, 0.5 * self.car.length, 0.5 * self.car.width) & ROAD_BIT
         state[:] = (
             -self.car.axle, 0.0, 0.0, ego.speed, ego.acceleration, ego.steering, self._demand, 0.0,
-            scene.path.lateral, 0.0 if on_road else 1.0,
+            project(road.path, road.first_s, road.spacing, 0.0, 0.0, 0.0, REACH_M)[1], 0.0 if on_road else 1.0,
         )  # fmt: skip
         return state
 

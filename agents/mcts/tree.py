@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dohyo.agents.mcts.config import ACTIONS, DT, LARGEST, MIDDLE, Rules
+from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
 from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
 from dohyo.agents.mcts.value.mlp import Mlp, no_value, value_of
 from dohyo.agents.planning.motion import Body, Idm
@@ -330,10 +330,10 @@ def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
     reach = (rules.root_window if node == 0 else rules.node_window) - 1
     a, b = tree.action[node] // ACTIONS, tree.action[node] % ACTIONS
     w = tree.window[node]
-    w[0], w[1] = max(a - reach, 0), min(a + reach, LARGEST)
+    w[0], w[1] = max(a - reach, 0), min(a + reach, rules.largest)
     w[2], w[3] = max(b - reach, 0), min(b + reach, ACTIONS - 1)
     if tree.state[node, SPEED] < rules.standing:
-        w[0], w[1] = 0, LARGEST
+        w[0], w[1] = 0, rules.largest
     if rules.crafted:
         time = tree.depth[node] * rules.hold_steps * DT
         centre = crafted_centre(road, car, rules, idm, tree.state[node], time)

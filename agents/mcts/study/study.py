@@ -37,7 +37,7 @@ def _mbappe(reported: float | None = None, **settings: Any) -> Arm:
 THESIS: Mapping[str, Any] = MappingProxyType(
     {
         "crafted": "limit", "steering": "wheel", "simulator": "thesis", "walks": "node", "first_play": "zero",
-        "choice": "visits", "early_stop": True, "reuse": False, "emergency": False, "caution": False,
+        "choice": "visits", "early_stop": True, "reuse": False, "emergency": False, "caution": False, "passing": False,
     }
 )  # fmt: skip
 """The thesis's planner whole, see CHOICES.md: its grid, priors, reward and search, and none of our additions."""
@@ -57,8 +57,8 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "alone-idm": Arm("predictor-only", MappingProxyType({"predictor": "idm"})),
         "alone-learned": Arm("predictor-only", MappingProxyType({"predictor": "learned"}), reported=47),
         "hold-0.1s": _mbappe(hold_s=0.1),
-        "thesis-crafted": _mbappe(crafted="limit", first_play="zero", choice="visits", reuse=False),
-        "thesis-wheel": _mbappe(steering="wheel"),
+        "thesis-crafted": _mbappe(crafted="limit", first_play="zero", choice="visits", reuse=False, passing=False),
+        "thesis-wheel": _mbappe(steering="wheel", passing=False),
         "thesis": _mbappe(86, **THESIS),
         "thesis-prior-none": _mbappe(26, prior="none", **THESIS),
         "thesis-prior-learned": _mbappe(65, prior="learned", **THESIS),

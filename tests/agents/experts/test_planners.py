@@ -187,7 +187,7 @@ def test_an_unknown_variant_is_an_error() -> None:
 # Drives
 
 
-@pytest.fixture(params=[IdmPlanner, PdmClosed])
+@pytest.fixture(params=[IdmPlanner, lambda: PdmClosed(passing=False)], ids=["idm", "pdm-closed"])
 def agent(request: pytest.FixtureRequest) -> Agent:
     made: Agent = request.param()
     return made

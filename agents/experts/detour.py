@@ -1,0 +1,156 @@
+"""Detour: the way of a planner round what stands in its lane, judged by the rules by which the autopilot passes.
+
+The rules say which obstacle is one, when the lane beside or the oncoming one is free for long enough, and where to wait
+(`blockers`, `passing`, `gaps`). The planner then plans along its route shifted by the sidestep, in its own simulation
+and with its own score.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dohyo.agents.experts import gaps
+from dohyo.agents.experts.passing import FREE, PASSING_M_S, Passing
+from dohyo.agents.planning import surroundings
+from dohyo.agents.planning.scene import Scene
+from dohyo.agents.planning.sidestep import Sidestep
+from dohyo.agents.planning.situation import CELL_M, GRID_X_M, GRID_Y_M, ROAD_BIT, ROUTE_BIT, Situation
+from dohyo.agents.planning.surroundings import Surroundings
+from dohyo.evaluation.agent import Observation
+from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.sensors.path import BEHIND
+
+LIMIT_M = 30
+MIDDLE_M = 0.3
+STRIP_M = 1.2
+"""Half the width of the strip beside the route that counts as the route's while the ego passes, m."""
+AWAY_M = 1e4
+_SAMPLE_M = 0.75 * CELL_M
+
+
+class Detour:
+    """Follows one drive; every tick `update`, then `cleared` and `applied`.
+
+    Attributes:
+        passing: Whether the ego is passing an obstacle, the way back to its lane not included.
+        returning: Whether it is on the way back, until it is in the middle of its lane.
+    """
+
+    def __init__(self, length: float, width: float) -> None:
+        self._half_length, self._half_width = 0.5 * length, 0.5 * width
+        self.reset()
+
+    def reset(self) -> None:
+        """Clears the state of the last episode."""
+        self._passing = Passing(self._half_length, self._half_width)
+        self._aside = Sidestep()
+        self._progress = 0.0
+        self._pose: FloatArray | None = None
+        self._passed: frozenset[int] = frozenset()
+        self.returning = False
+
+    @staticmethod
+    def warm_up() -> None:
+        """Compiles the kernels that an empty road does not need."""
+        surroundings.warm_up()
+        gaps.warm_up()
+
+    @property
+    def passing(self) -> bool:
+        """See the class."""
+        return self._passing.active
+
+    def update(self, observation: Observation, scene: Scene) -> None:
+        """Judges one tick: what blocks the lane, whether to pass it now, and who has to be waited for."""
+        around, speed = Surroundings(observation), scene.ego.speed
+        self._progress += self._driven(observation, scene)
+        limit = float(observation["path"][BEHIND : BEHIND + LIMIT_M, 4].min())
+        self._passing.update(around, observation["junctions_ahead"], speed, limit, self._progress, self._aside)
+        self._passed = frozenset()
+        away = self._aside.aside(self._progress) or abs(scene.path.lateral) > MIDDLE_M
+        self.returning = not self._passing.active and (self.returning or self._aside.aside(self._progress)) and away
+        if self._passing.active:
+            threats = self._passing.threats(around, speed, self._progress)
+            self._passed = frozenset(one.key for one in around.driving() if one.opposes and one.key not in threats)
+
+    def _driven(self, observation: Observation, scene: Scene) -> float:
+        """Metres along the route since the last tick."""
+        before, self._pose = self._pose, scene.pose
+        if before is None:
+            return 0.0
+        cos, sin = math.cos(scene.pose[2]), math.sin(scene.pose[2])
+        dx, dy = before[0] - scene.pose[0], before[1] - scene.pose[1]
+        path = observation["path"].astype(np.float64)
+        _, s, _ = surroundings.project(dx * cos + dy * sin, dy * cos - dx * sin, path)
+        return -s
+
+    def cleared(self, scene: Scene, forecast: FloatArray) -> FloatArray:
+        """Forecast without the oncoming vehicles that, as judged, leave room or make it.
+
+        Args:
+            scene: Of the forecast.
+            forecast: (N, 81, 3) x, y [m], heading [rad] of its actors.
+
+        Returns:
+            A copy with their poses far away; the same array where there are none.
+        """
+        gone = np.isin(scene.actors.key, list(self._passed))
+        if not gone.any():
+            return forecast
+        out = forecast.copy()
+        out[gone, :, :2] += AWAY_M
+        return out
+
+    def applied(self, road: Situation, line_gap: float) -> Situation:
+        """Situation along the sidestep: its path, and the places of the actors relative to it.
+
+        Where the ego waits to pass, there is a closed line.
+
+        Args:
+            road: Along the route.
+            line_gap: Distance of the front to a closed line at a stop, m.
+        """
+        if self._passing.waits_at < FREE:
+            waits = self._half_length + max(self._passing.waits_at, 0.0) + line_gap
+            road = road._replace(line=min(road.line, waits))
+        if not self._aside.aside(self._progress):
+            return road
+        s = road.first_s + road.spacing * np.arange(len(road.path))
+        offset = np.array([self._aside.at(self._progress + ahead) for ahead in s])
+        along = road.along.copy()
+        along[:, :, 1] -= np.interp(along[:, :, 0], s, offset)
+        top = np.where(np.abs(offset) > self._half_width, PASSING_M_S, np.inf)
+        path = _shifted(road.path, offset, road.spacing)
+        return road._replace(
+            path=path,
+            along=along,
+            limit=np.minimum(road.limit, top),
+            allowed=np.minimum(road.allowed, top),
+            grid=_with_route(road.grid, path[offset != 0.0], road.spacing),
+        )
+
+
+def _shifted(path: FloatArray, offset: FloatArray, spacing: float) -> FloatArray:
+    """(R, 4) path with its points moved to the left [m], and its directions turned."""
+    out = path.copy()
+    out[:, 0] -= offset * path[:, 3]
+    out[:, 1] += offset * path[:, 2]
+    heading = np.arctan2(path[:, 3], path[:, 2])
+    heading[:-1] += np.arctan(np.diff(offset) / spacing)
+    out[:, 2], out[:, 3] = np.cos(heading), np.sin(heading)
+    return out
+
+
+def _with_route(grid: np.ndarray, path: FloatArray, spacing: float) -> np.ndarray:
+    """Grid on which the roads' cells in a strip along a path belong to the route."""
+    ahead = np.arange(0.0, spacing, _SAMPLE_M)
+    across = np.arange(-STRIP_M, STRIP_M + 1e-6, _SAMPLE_M)
+    x = path[:, 0, None, None] + ahead[:, None] * path[:, 2, None, None] - across * path[:, 3, None, None]
+    y = path[:, 1, None, None] + ahead[:, None] * path[:, 3, None, None] + across * path[:, 2, None, None]
+    c, r = np.floor((x - GRID_X_M[0]) / CELL_M).astype(int), np.floor((y - GRID_Y_M[0]) / CELL_M).astype(int)
+    there = (c >= 0) & (r >= 0) & (c < grid.shape[0]) & (r < grid.shape[1])
+    out, c, r = grid.copy(), c[there], r[there]
+    out[c, r] |= np.where(out[c, r] & ROAD_BIT, ROUTE_BIT, 0).astype(out.dtype)
+    return out
