@@ -72,6 +72,11 @@ TRAINERS: dict[str, Listed] = {
         "dohyo.agents.gri.training:GRI",
         "driving, or any gymnasium environment, with demonstrations (GRI)",
     ),
+    "affordances": Listed(
+        "dohyo.agents.gri.vision.train:AFFORDANCES",
+        "GRIAD's encoder of three cameras, from a data set of affordances",
+        "affordances.onnx (or classification.onnx, untrained.onnx), whole.safetensors",
+    ),
     "rlad": Listed(
         "dohyo.agents.rlad.training:RLAD",
         "target speed and steering from pictures, by RLAD or by SAC+AE, CURL, DrQ, DrQ-v2",

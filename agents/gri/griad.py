@@ -1,4 +1,4 @@
-"""GRIAD: drives by a policy of the trainer `gri`, by state or by pictures.
+"""GRIAD: drives by a policy of the trainer `gri`, by state, by pictures or by affordances.
 
 dohyo train gri --config agents/gri/configs/griad.toml --out out/griad
 dohyo evaluate --agent griad --set policy=out/griad/best.onnx --benchmark nocrash

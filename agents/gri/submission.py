@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from dohyo.agents.gri.driving.choices import TABLE
 from dohyo.agents.gri.driving.pictures import LATENTS, PICTURES, Pictures
 from dohyo.agents.gri.driving.state import SPEED_M_S
-from dohyo.agents.gri.driving.task import REPEAT
+from dohyo.agents.gri.driving.task import ENCODERS, REPEAT
 from dohyo.agents.gri.griad import sight_of
 from dohyo.agents.hierarchical.vision.classes import CLASSES, OF_LABEL
 from dohyo.agents.hierarchical.vision.latents import SHIPPED, load_weights
@@ -29,10 +29,11 @@ def submission_of(policy: Path) -> bytes:
     """The ONNX model, with the encoder of pictures in it.
 
     Raises:
-        InvalidInputError: There is no such policy, or it sees the exact state, which is no sensor.
+        InvalidInputError: There is no such policy, or it sees something else, such as the exact state.
     """
-    if sight_of(policy) is not Pictures:
-        raise InvalidInputError(f"'{policy}': expected a policy of pictures, this one sees the exact state")
+    if (sight := sight_of(policy)) is not Pictures:
+        seen = next(name for name, kind in ENCODERS.items() if kind is sight)
+        raise InvalidInputError(f"'{policy}': expected a policy of pictures, this one is of 'driving-{seen}'")
     camera, speedometer, navigation = make_sensors(Pictures.sensors)
     sensors = {
         camera.name: torch.zeros(camera.space.shape, dtype=torch.uint8),

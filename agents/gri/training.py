@@ -43,8 +43,9 @@ class GriRunConfig(RunConfig):
     """A training with GRI.
 
     Attributes:
-        env: "driving-state" or "driving-pictures", in town by GRIAD's choices and reward; or a name in gymnasium's
-            registry, or "module:NAME" of one that the module registers.
+        env: "driving-" and what is seen ("state", "pictures", "affordances", or "classification" and "untrained" of
+            encoders that learned less), in town by GRIAD's choices and reward; or a name in gymnasium's registry, or
+            "module:NAME" of one that the module registers.
         algorithm: What learns; its settings are the table of that name.
         episodes: Held-out episodes.
         expert: ONNX file of the policy that demonstrates; empty: the task's own expert.

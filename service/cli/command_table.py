@@ -136,6 +136,11 @@ COMMANDS: dict[str, Command | Group] = {
                 "Records semantic pictures on the autopilot's disturbed drives. Same arguments, same bytes.",
                 resumes=True,
             ),
+            "affordances": Command(
+                "dataset:affordances",
+                "Records three cameras whose pose is drawn, on the autopilot's drives. Same arguments, same bytes.",
+                resumes=True,
+            ),
             "priboot": Command(
                 "dataset:priboot",
                 "Records PRIBOOT's demonstrations on disturbed drives. Same arguments, same bytes.",

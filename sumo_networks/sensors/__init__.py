@@ -39,13 +39,15 @@ __all__ = [
 ]
 
 # PRIBOOT's views from above, RLAD's image in the thesis's size and in a small one, GHRL's semantic image, GRIAD's three
-# cameras.
+# cameras: small ones, with `camera_64` as their centre, and large ones.
 PRESETS = (
     BirdseyeConfig(name="birdseye"),
     BirdseyeConfig(name="birdseye_rgb", mode="rgb"),
     BirdseyeConfig(name="birdseye_far", width=128, height=160, metres_per_px=0.4, ahead_m=46.0, arrow_s=1.0),
     CameraConfig(name="camera_rgb"),
     CameraConfig(name="camera_64", width=64, height=64, fov_deg=60.0),
+    CameraConfig(name="camera_64_left", width=64, height=64, fov_deg=60.0, yaw_deg=60.0),
+    CameraConfig(name="camera_64_right", width=64, height=64, fov_deg=60.0, yaw_deg=-60.0),
     CameraConfig(name="camera_semantic", mode="semantic", width=160, height=80),
     CameraConfig(name="camera_depth", mode="depth"),
     CameraConfig(name="camera_left", width=256, height=144, fov_deg=70.0, yaw_deg=60.0),

@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium.spaces import Dict, Discrete
 
 from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.agents.gri.driving.affordances import Affordances, Classification, Untrained
 from dohyo.agents.gri.driving.choices import CONTROL, TABLE, nearest
 from dohyo.agents.gri.driving.missions import draw_mission
 from dohyo.agents.gri.driving.pictures import Pictures
@@ -31,8 +32,14 @@ from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 EGO: Final = "ego"
 REPEAT: Final = 2
 """Ticks of 0.1 s that a choice is driven for."""
-Sight = Literal["state", "pictures"]
-ENCODERS: Final[Mapping[Sight, type[SensorEncoder]]] = {"state": DrivingState, "pictures": Pictures}
+Sight = Literal["state", "pictures", "affordances", "classification", "untrained"]
+ENCODERS: Final[Mapping[Sight, type[SensorEncoder]]] = {
+    "state": DrivingState,
+    "pictures": Pictures,
+    "affordances": Affordances,
+    "classification": Classification,
+    "untrained": Untrained,
+}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Arms of the study: rows 1 to 4 of the thesis's comparisons, as settings of the trainer `gri`, and their experts."""
+"""Arms of the study: rows 1 to 5 of the thesis's comparisons, as settings of the trainer `gri`, and their experts."""
 
 from __future__ import annotations
 
@@ -82,6 +82,13 @@ PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
             None,
             shown=60,
         ),
+        "driving-vis": Problem(
+            "driving-affordances",
+            ("steps=20000", "evaluate_every=4000", "checkpoint_every=4000", "episodes=10"),
+            _DRIVING_SIZES,
+            None,
+            shown=60,
+        ),
         "cheetah-full": _mujoco("HalfCheetah-v5"),
         "walker-full": _mujoco("Walker2d-v5"),
     }
@@ -98,6 +105,7 @@ class GriArm:
         gri: Settings of GRI, without the table's name.
         told: What it is, in a few words.
         more: Other settings than those of its problem.
+        env: Environment in place of its problem's, with other observations; empty: the problem's.
     """
 
     problem: str
@@ -105,6 +113,12 @@ class GriArm:
     gri: tuple[str, ...]
     told: str
     more: tuple[str, ...] = ()
+    env: str = ""
+
+    @property
+    def shown(self) -> str:
+        """Name of its demonstrations: arms that see the same and have as many bad ones share them."""
+        return f"{self.problem}-{100 * self.noise:g}{self.env and f'-{self.env}'}"
 
     @property
     def noise(self) -> float:
@@ -119,7 +133,7 @@ class GriArm:
         problem = PROBLEMS[self.problem]
         settings = (
             *_ALL, *problem.learning, *problem.sized(self.algorithm), *(f"gri.{one}" for one in self.gri),
-            f"env={problem.env}", f"algorithm={self.algorithm}", f"shown={problem.shown}", f"seed={seed}",
+            f"env={self.env or problem.env}", f"algorithm={self.algorithm}", f"shown={problem.shown}", f"seed={seed}",
             *self.more,
         )  # fmt: skip
         return read_settings(GriRunConfig, None, (*settings, *more))
@@ -170,6 +184,20 @@ def _driving(problem: str, longer: int) -> dict[str, GriArm]:
     return {f"{problem}-iqn-{name}": arm for name, arm in arms.items()}
 
 
+def _encoders(problem: str) -> dict[str, GriArm]:
+    """Row 5: GRIAD on encoders that learned more, less, or nothing."""
+    told = {
+        "affordances": "encoder of segmentation and heads",
+        "classification": "encoder of classification",
+        "untrained": "encoder without training",
+    }
+    shown = ("p_demo=0.25", "demo_reward=1.0", "unit=steps")
+    return {
+        f"{problem}-iqn-{name}": GriArm(problem, "iqn", shown, f"GRIAD, {words}", env=f"driving-{name}")
+        for name, words in told.items()
+    }
+
+
 ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
     {
         **_shares("pendulum", "sac", 0, 10, 20, 30, 40, 60, 100),
@@ -178,6 +206,7 @@ ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
         **_shares("cheetah", "sac", 0, 10, 20, 40),
         **_driving("driving", 28_000),
         **_driving("driving-full", 140_000),
+        **_encoders("driving-vis"),
         **_shares("cheetah-full", "sac", 0, 10, 20, 30, 40, 60),
         **_shares("cheetah-full", "ddpg", 0, 20),
         **_noisy("cheetah-full", 10, 30),

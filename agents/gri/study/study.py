@@ -82,7 +82,7 @@ def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
 
 def shown_in(runs: Path, arm: GriArm) -> Path:
     """Folder of an arm's demonstrations."""
-    return runs / "demonstrations" / f"{arm.problem}-{100 * arm.noise:g}"
+    return runs / "demonstrations" / arm.shown
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:

@@ -43,12 +43,21 @@ def _claims(problem: str, alone: str) -> list[Claim]:
     return [*found, Claim(f"{base}sqil", "<", f"{base}p25", "completed", last, ablation=4)]
 
 
-CLAIMS: Final = tuple(
-    claim
-    for name, arm in ARMS.items()
-    if name.endswith("-p0")
-    for claim in _claims(arm.problem, name)
-    if claim.left in ARMS and claim.right in ARMS
+def _encoder_claims(problem: str) -> list[Claim]:
+    """The thesis's direction on encoders: the richer one is better."""
+    richer, *others = (f"{problem}-iqn-{name}" for name in ("affordances", "classification", "untrained"))
+    return [Claim(richer, ">", other, "completed", f"{problem}, {LAST}", ablation=5) for other in others]
+
+
+CLAIMS: Final = (
+    *(
+        claim
+        for name, arm in ARMS.items()
+        if name.endswith("-p0")
+        for claim in _claims(arm.problem, name)
+        if claim.left in ARMS and claim.right in ARMS
+    ),
+    *_encoder_claims("driving-vis"),
 )
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from dohyo.agents.gri.vision.recording import AffordanceRequest, record_affordances
 from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures
 from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, record_motion
 from dohyo.agents.priboot.recording.record import MomentRequest, record_moments
@@ -45,6 +46,22 @@ def semantic(
         order = PictureRequest(images=images, seed=seed)
         pictures = record_pictures(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
+
+
+def affordances(
+    out: Annotated[Path, typer.Option(help="Folder; existing episodes are kept.")],
+    moments: Annotated[
+        int, typer.Option(min=1, help="Number of training moments if no car arrives early; held-out ones are added.")
+    ] = 4000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+) -> None:
+    """Records three cameras whose pose is drawn, on the autopilot's drives. Same arguments, same bytes."""
+    columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task("affordances", total=1.0)
+        order = AffordanceRequest(moments=moments, seed=seed)
+        there = record_affordances(order, out, lambda done: progress.update(bar, completed=done))
+    console.print(f"{there} moments: {out.resolve()}", soft_wrap=True)
 
 
 def priboot(

@@ -1,0 +1,71 @@
+"""The frozen encoder in onnxruntime, on one thread: what drives and what is trained see the same numbers.
+
+encoder = FrozenEncoder(weights_of("affordances"))
+encoder.features(pictures(observation))               # (512,) float32
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import onnxruntime  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from dohyo.agents.gri.vision.cameras import CAMERAS, SIDE_PX
+from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.errors import InvalidInputError
+
+SHIPPED: Final = Path(__file__).with_name("checkpoints")
+SHAPE: Final = (len(CAMERAS), 3, SIDE_PX, SIDE_PX)
+FEATURES: Final = 512
+
+
+def weights_of(name: str) -> Path:
+    """File of a shipped encoder: "affordances", "classification" or "untrained", see `train.TrainConfig`."""
+    return SHIPPED / f"{name}.onnx"
+
+
+class FrozenEncoder:
+    """Pictures of three cameras to both encodings.
+
+    Attributes:
+        path: Of the model.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Loads the model.
+
+        Raises:
+            InvalidInputError: The file is missing, or holds another model.
+        """
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        if not path.is_file():
+            raise InvalidInputError(f"no encoder '{path}' (dohyo train affordances makes one)")
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own errors share no base class
+            raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
+        self.path = path
+        shapes = [tuple(one.shape) for one in (*self._session.get_inputs(), *self._session.get_outputs())]
+        if shapes != (expected := [(1, *SHAPE), (1, FEATURES)]):
+            raise InvalidInputError(f"'{path}' holds another model: expected shapes {expected}, got {shapes}")
+        self._input = self._session.get_inputs()[0].name
+
+    def features(self, pictures: NDArray[Any]) -> Float32Array:
+        """(512,) both encodings.
+
+        Args:
+            pictures: (3, 3, 64, 64) uint8 of `cameras.CAMERAS`.
+
+        Raises:
+            InvalidInputError: The pictures have another shape or type.
+        """
+        if pictures.shape != SHAPE or pictures.dtype != np.uint8:
+            raise InvalidInputError(f"expected pictures, uint8 {SHAPE}, got {pictures.dtype} {pictures.shape}")
+        (features,) = self._session.run(None, {self._input: pictures[None]})
+        out: Float32Array = features[0]
+        return out
