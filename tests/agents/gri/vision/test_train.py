@@ -25,7 +25,7 @@ from tests.agents.gri.vision.data import write_data
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_data(tmp_path_factory.mktemp("affordances"), train=96, validation=8, seen=48)
+    return write_data(tmp_path_factory.mktemp("affordances"), train=64, validation=8, seen=48)
 
 
 def trained(data: Path, out: Path, resume: bool = False, report: Reporter = no_report, **more: object) -> Path:
@@ -36,7 +36,7 @@ def trained(data: Path, out: Path, resume: bool = False, report: Reporter = no_r
 @pytest.fixture(scope="module")
 def learned(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A training that is long enough for hand-made pictures."""
-    return trained(data, tmp_path_factory.mktemp("learned") / "run", epochs=30, learning_rate=3e-3, warm_up_steps=10)
+    return trained(data, tmp_path_factory.mktemp("learned") / "run", epochs=25, learning_rate=3e-3, warm_up_steps=10)
 
 
 def test_the_heads_learn_a_hand_made_set(data, learned):
@@ -67,12 +67,12 @@ def test_the_frozen_model_is_the_encoder_alone_standardised_over_the_training(da
     with torch.inference_mode():
         encoded = network.encoder(moments.pictures).numpy()
     np.testing.assert_allclose(features, (encoded - encoded.mean(0)) / encoded.std(0, ddof=1), rtol=1e-2, atol=1e-3)
-    assert features.shape == (192, FEATURES) == (192, ENCODING)
+    assert features.shape == (128, FEATURES) == (128, ENCODING)
     sizes = sum(np.prod(one.dims) for one in onnx.load(learned).graph.initializer)
     kept = sum(one.numel() for one in network.encoder.parameters())
     assert kept <= sizes < kept + 3 * ENCODING, "neither decoder nor heads are in it"
     card = read_card(learned)
-    assert (card.trainer, card.steps) == ("affordances", 30 * (192 // 16))
+    assert (card.trainer, card.steps) == ("affordances", 25 * (128 // 16))
 
 
 @pytest.mark.parametrize("encoder", ["classification", "untrained"])
