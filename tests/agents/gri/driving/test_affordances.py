@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from dohyo.agents.gri.driving import affordances
 from dohyo.agents.gri.driving.affordances import Affordances, Classification, Untrained
 from dohyo.agents.gri.driving.choices import CONTROL, TABLE
 from dohyo.agents.gri.driving.missions import draw_mission
@@ -104,17 +105,23 @@ def test_a_state_is_four_ticks_of_what_the_frozen_encoder_says():
     assert told[4]["itself"].tolist() == [0.5, *np.eye(6, dtype=np.float32)[2].tolist()]
 
 
-def test_each_encoder_of_the_comparison_is_shipped_with_its_card_and_is_another_one():
+def test_shipped_encoders_have_cards_and_differ():
     picture = np.random.default_rng(0).integers(255, size=(3, 3, 64, 64), dtype=np.uint8)
     told = []
-    for kind in (Affordances, Classification, Untrained):
+    for kind in (Affordances, Untrained):
         (file,) = kind.files
         card = read_card(file)
         assert (card.trainer, card.config["encoder"]) == ("affordances", kind.name)
         assert file.stat().st_size < 3e6
         told.append(FrozenEncoder(file).features(picture))
         assert ENCODERS[kind.name] is kind
-    assert len({one.tobytes() for one in told}) == 3
+    assert not np.array_equal(*told)
+
+
+def test_an_encoder_without_weights_has_one_clear_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(affordances, "weights_of", lambda name: tmp_path / f"{name}.onnx")
+    with pytest.raises(InvalidInputError, match=r"no encoder .*classification.*dohyo train affordances makes one"):
+        Classification()
 
 
 @pytest.mark.slow
