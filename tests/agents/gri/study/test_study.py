@@ -37,16 +37,6 @@ def test_every_arm_has_settings_and_a_problem_and_its_own_cells():
     assert ARMS["pendulum-sac-noise30"].noise == 0.3
 
 
-def test_encoders_are_compared_by_arms_that_see_differently_and_share_all_else():
-    names = [f"driving-vis-iqn-{name}" for name in ("affordances", "classification", "untrained")]
-    configs = [ARMS[name].config(0, Path("shown")) for name in names]
-    assert [config.env for config in configs] == ["driving-affordances", "driving-classification", "driving-untrained"]
-    assert configs[0].model_copy(update={"env": ""}) == configs[2].model_copy(update={"env": ""})
-    assert len({study.shown_in(Path(), ARMS[name]) for name in names}) == 3, "demonstrations hold encodings"
-    claims = [claim for claim in tables.CLAIMS if claim.ablation == 5]
-    assert [(claim.left, claim.right) for claim in claims] == [(names[0], other) for other in names[1:]]
-
-
 def test_tables_tell_returns_shares_and_verdicts():
     told = rows("pendulum-sac-p0", -400.0, -1000.0) + rows("pendulum-sac-p20", -150.0, -1300.0)
     results = Results(told, {})
