@@ -160,9 +160,7 @@ def test_a_budget_of_time_ends_the_search() -> None:
     assert 0 < why["simulations"] < 50_000
 
 
-@pytest.mark.parametrize(
-    "setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}, {"walks": "node"}]
-)
+@pytest.mark.parametrize("setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}])
 def test_settings_that_make_no_sense_are_refused(setting: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(setting))):
         make_agent(resolve("mbappe"), setting)
