@@ -45,13 +45,24 @@ def answers(model: bytes | Path, observations: list[dict[str, np.ndarray]]) -> n
     return np.array(actions)
 
 
+def test_without_weights_a_name_has_one_clear_error_and_is_in_no_list() -> None:
+    with pytest.raises(InvalidInputError, match=r"'rlad' has no shipped weights: expected the setting 'policy'"):
+        make_agent(resolve("rlad"))
+    assert "rlad" not in agent_entries()
+
+
 @pytest.mark.parametrize("name", ["rlad", "rlfold"])
-def test_without_weights_a_name_has_one_clear_error_and_is_in_no_list(name: str) -> None:
-    with pytest.raises(InvalidInputError, match=rf"'{name}' has no shipped weights: expected the setting 'policy'"):
-        make_agent(resolve(name))
+def test_a_policy_that_is_not_there_is_named(name: str) -> None:
     with pytest.raises(InvalidInputError, match=r"no policy '/nowhere\.onnx'"):
         make_agent(resolve(name), {"policy": "/nowhere.onnx"})
-    assert name not in agent_entries()
+
+
+def test_the_shipped_policy_of_rlfold_drives_from_a_picture() -> None:
+    agent = make_agent(resolve("rlfold"))
+    agent.reset(MISSION, 0)
+    action = agent.act(seen(agent.spec, np.random.default_rng(0)))
+    assert 0.0 <= action[0] <= 5.0, "its training's highest speed"
+    assert (agent.spec.track, "camera_64" in agent.spec.sensors) == ("map", True)
 
 
 def test_an_agent_drives_as_its_card_says(tmp_path: Path) -> None:
