@@ -55,6 +55,7 @@ class Detour:
     def warm_up() -> None:
         """Compiles the kernels that an empty road does not need."""
         surroundings.warm_up()
+        surroundings.project(0.0, 0.0, np.zeros((BEHIND + LIMIT_M, 6)))  # in double precision
         gaps.warm_up()
 
     @property

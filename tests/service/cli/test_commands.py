@@ -157,7 +157,7 @@ def test_an_agent_that_fails_as_a_program_is_a_line_and_an_exit_code(short: Path
         result = here("evaluate", *arguments, *options)
         assert result.returncode == 1
         (line,) = result.stderr.splitlines()
-        assert line.startswith("dohyo: Raises failed as a program in 2 of 2 drives; along-s0: ")
+        assert line.startswith("dohyo: steady failed as a program in 2 of 2 drives; along-s0: ")
     assert json.loads(result.stdout)["drives"][0]["status"] == "failed: agent raised"
 
 
