@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -58,7 +58,7 @@ class Discipline(Config):
     headline: str
     then: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def family(self) -> Family:
         """Family of the benchmark."""
         return find_family(self.benchmark)
