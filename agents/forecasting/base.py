@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 FREE_QUANTILE = 0.999
+DECIMALS: Final = 4
+"""Of a forecast in m/s."""
 Progress = Callable[[int, int, float], None]
 """Called with: steps done, all steps, and the last validation's error."""
 
@@ -54,7 +56,7 @@ class Forecaster(ABC):
         self.learn(train, validation, progress)
 
     def predict(self, history: ArrayLike, time_s: float | None = None) -> FloatArray:
-        """The next three rows, (3, N), m/s.
+        """The next three rows, (3, N), m/s, to 0.1 mm/s, so that processors agree on them.
 
         Args:
             history: (T, N) the last rows, m/s, NaN where missing (filled by `gaps.fill`); T is at least 8, and only the
@@ -66,7 +68,8 @@ class Forecaster(ABC):
         """
         rows = self._rows(history)
         when = None if time_s is None else np.array([time_s % DAY_S])
-        return np.asarray(np.maximum(self.predict_many(rows[None], when)[0], 0.0), dtype=np.float64)
+        ahead = np.asarray(self.predict_many(rows[None], when)[0], dtype=np.float64)
+        return np.asarray(np.maximum(ahead, 0.0).round(DECIMALS))
 
     def nowcast(self, history: ArrayLike, lag_min: float, time_s: float | None = None) -> FloatArray:
         """Present speeds, (N,), m/s, if the last row is `lag_min` minutes old.

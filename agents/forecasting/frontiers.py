@@ -27,7 +27,7 @@ from torch.nn import functional
 from dohyo.agents.forecasting.base import Forecaster, Progress, checked
 from dohyo.agents.forecasting.data.scale import Scale
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, Windows
-from dohyo.agents.forecasting.learned import BLOCK, one_thread
+from dohyo.agents.forecasting.learned import BLOCK, in_double
 from dohyo.agents.forecasting.networks.attention import WIDTH, AttentionBlock
 from dohyo.agents.forecasting.training import TrainSettings
 from dohyo.agents.learning.runs.supervised import Cosine, Fit, drawn, fit
@@ -164,17 +164,17 @@ class Frontiers(Forecaster):
         losses = functional.binary_cross_entropy_with_logits(self.network(history, now), ahead, reduction="none")
         return (losses * there).sum() / there.sum().clamp_min(1.0)
 
-    @torch.inference_mode()
-    def _log_odds(self, histories: Float32Array) -> Float32Array:
-        with one_thread():
-            parts = (torch.split(some, BLOCK) for some in (self.scale.standard(histories), self._now(histories)))
+    def _log_odds(self, histories: Float32Array) -> FloatArray:
+        with in_double(self.network):
+            given = (self.scale.standard(histories), self._now(histories))
+            parts = (torch.split(some.double(), BLOCK) for some in given)
             return np.asarray(torch.cat([self.network(*some) for some in zip(*parts, strict=True)]).numpy())
 
     def _error(self, windows: Windows, hold: float) -> float:
         ahead = self._speeds(windows.history, self._log_odds(windows.history), hold)
         return float(np.nanmean((ahead - windows.target) ** 2))
 
-    def _speeds(self, histories: Float32Array, log_odds: Float32Array, hold: float) -> Float32Array:
+    def _speeds(self, histories: Float32Array, log_odds: FloatArray, hold: float) -> Float32Array:
         """(B, 3, N) speeds under the most probable states."""
         last = histories[:, -1]
         now = congested(last, self.free_mps)
@@ -188,7 +188,7 @@ class Frontiers(Forecaster):
         return np.asarray(np.stack(rows, axis=1), np.float32)
 
 
-def most_probable(log_odds: Float32Array, now: BoolArray, hold: float) -> BoolArray:
+def most_probable(log_odds: FloatArray, now: BoolArray, hold: float) -> BoolArray:
     """(B, N) states whose frontiers and agreement with the present states are the most probable (Viterbi).
 
     Args:

@@ -29,13 +29,20 @@ BLOCK = 2048
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """One thread of torch meanwhile: the last bits of a sum depend on their number, and records hold all bits."""
+def in_double(network: nn.Module) -> Iterator[None]:
+    """Inference in double precision on one thread meanwhile; to single precision and back no weight changes.
+
+    In single precision the last digits of a forecast depend on the processor, so that a record's hash would not verify
+    on another one. In double precision they lie far below what `Forecaster.predict` rounds to.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
+    network.double()
     try:
-        yield
+        with torch.inference_mode():
+            yield
     finally:
+        network.float()
         torch.set_num_threads(threads)
 
 
@@ -62,11 +69,10 @@ class Learned(Forecaster):
         self.scale = Scale.of(train)
         train_network(self.network, train, validation, self.scale, self.free_mps, self.settings, progress)
 
-    @torch.inference_mode()
     def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
         """See `Forecaster.predict_many`."""
-        with one_thread():
-            parts = torch.split(self.scale.standard(histories), BLOCK)
+        with in_double(self.network):
+            parts = torch.split(self.scale.standard(histories).double(), BLOCK)
             return self.scale.metres(torch.cat([self.network(some) for some in parts]))
 
     def tensors(self) -> dict[str, np.ndarray]:

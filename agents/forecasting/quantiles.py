@@ -25,7 +25,7 @@ from torch.nn import functional
 from dohyo.agents.forecasting.base import Forecaster, Progress, checked
 from dohyo.agents.forecasting.data.scale import InMetres, Scale
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows
-from dohyo.agents.forecasting.learned import BLOCK, one_thread, write_onnx
+from dohyo.agents.forecasting.learned import BLOCK, in_double, write_onnx
 from dohyo.agents.forecasting.networks.looking_ahead import NStep
 from dohyo.agents.forecasting.networks.lstm import SaLstmTrunk
 from dohyo.agents.forecasting.training import Examples, TrainSettings, train_network
@@ -134,11 +134,10 @@ class Quantiles(Forecaster):
         parts = [self.network.known(some) for some in torch.split(examples.history, BLOCK)]
         return torch.cat([middle for middle, _ in parts]), torch.cat([known for _, known in parts])
 
-    @torch.inference_mode()
     def intervals_many(self, histories: Float32Array) -> Float32Array:
         """(B, 3, 3, N): row ahead; lower end, middle, upper end; m/s."""
-        with one_thread():
-            parts = torch.split(self.scale.standard(histories), BLOCK)
+        with in_double(self.network):
+            parts = torch.split(self.scale.standard(histories).double(), BLOCK)
             return self.scale.metres(torch.cat([self.network(some) for some in parts]))
 
     def predict_interval(self, history: ArrayLike) -> FloatArray:

@@ -115,7 +115,7 @@ class Linear(Forecaster):
 
     def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
         """See `Forecaster.predict_many`."""
-        change = (self._inputs(histories).astype(np.float32) @ self.weights).reshape(-1, HORIZON, self.segments)
+        change = (self._inputs(histories) @ self.weights.astype(np.float64)).reshape(-1, HORIZON, self.segments)
         return np.asarray(histories[:, -1:] + self.free_mps * change, dtype=np.float32)
 
     def tensors(self) -> dict[str, np.ndarray]:
