@@ -25,7 +25,7 @@ from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
 from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.registry import CHECKPOINTS, OWN, SIMPLE, load_forecaster, make_forecaster
-from dohyo.agents.forecasting.scores import coverage, errors
+from dohyo.agents.forecasting.scores import coverage, errors, frontier_scores, frontiers_ahead
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.sumo_networks.files import write_atomically
 
@@ -103,7 +103,10 @@ class Lab:
         return forecaster
 
     def measures(self, forecaster: Forecaster, name: str) -> Iterator[dict[str, float]]:
-        """Measures of each day of a set; those of the t-th row ahead end in _t."""
+        """Measures of each day of a set; those of the t-th row ahead end in _t.
+
+        A day without a frontier of congestion has no scores of frontiers.
+        """
         windows = self.windows[name]
         got = errors(forecaster, windows, self.free_mps)
         tables = {"mse": got.normalised}
@@ -112,11 +115,13 @@ class Lab:
         if isinstance(forecaster, Quantiles):
             inside, width = coverage(forecaster.intervals_many(windows.history), windows)
             tables |= {"coverage": 100.0 * inside, "width_kmh": 3.6 * width}
+        tables |= frontier_scores(frontiers_ahead(forecaster, windows, self.free_mps), windows, self.free_mps)
         for day in range(len(got.normalised)):
             yield {
                 f"{measure}_{row + 1}": round(float(table[day, row]), 4)
                 for measure, table in tables.items()
                 for row in range(HORIZON)
+                if np.isfinite(table[day, row])
             }
 
     def _trained(self, variant: Variant, seed: int) -> Forecaster:

@@ -17,7 +17,8 @@ from typing import Annotated, Final, Literal
 
 import torch
 from pydantic import Field
-from safetensors.torch import save
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
 from torch import Tensor
 from torch.nn.functional import cross_entropy, smooth_l1_loss
 
@@ -198,9 +199,6 @@ def load_system(path: Path) -> VisualSystem:
     Raises:
         InvalidInputError: The file is missing, damaged, or of another network.
     """
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
     network = VisualSystem()
     try:
         network.load_state_dict(load_file(path))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from dohyo.agents.forecasting.base import Forecaster
     from dohyo.agents.forecasting.data.reading import Format
     from dohyo.agents.forecasting.data.speed_table import SpeedData
+    from dohyo.agents.forecasting.data.windows import Windows
     from dohyo.agents.forecasting.now import Forecast
 
 Data = Annotated[
@@ -273,51 +274,82 @@ def _report(
 ) -> None:
     """Errors by set and forecast row, with those of persistence."""
     from dohyo.agents.forecasting.data.windows import make_windows
-    from dohyo.agents.forecasting.scores import errors
     from dohyo.agents.forecasting.simple import Persistence
 
-    document: dict[str, Any] = {"segments": len(table.segments), "step_s": table.step_s, "sets": {}}
-    document |= {"missing": table.missing, "notes": list(table.notes)}
-    rows = []
+    simple = Persistence(len(table.segments), table.step_s)
+    found: dict[str, dict[str, Any]] = {}
     for name in sets:
         windows = make_windows(table.stretches(name), table.step_s)
         free_mps = forecaster.free_mps if forecaster.free_mps > 1.0 else float(np.quantile(windows.history, 0.999))
-        simple = Persistence(len(table.segments), table.step_s)
-        both = {forecaster_name(forecaster): forecaster, simple.name: simple}
         days = len(np.unique(windows.stretch))
-        document["sets"][name] = {"windows": len(windows), "stretches": days, "free_mps": free_mps}
-        for label, one in both.items():
-            got = errors(one, windows, free_mps)
-            mse = got.normalised.mean(axis=0)
-            facts = {
-                "mse_x1000": mse.tolist(),
-                "rmse_kmh": got.rmse("km/h").tolist(),
-                "rmse_mph": got.rmse("mph").tolist(),
-                "rmse_kmh_interval": _known(got.rmse_interval(KEPT_UNIT)),
-            }
-            document["sets"][name][label] = facts
-            ends = got.rmse_interval(KEPT_UNIT)
-            speeds = [_cell(float(rmse), *pair) for rmse, pair in zip(got.rmse(KEPT_UNIT), ends.tolist(), strict=True)]
-            rows.append((name, label, *(number(float(value)) for value in mse), *speeds))
-    document["written"] = [str(path.resolve()) for path in written]
+        found[name] = {"windows": len(windows), "stretches": days, "free_mps": free_mps}
+        for label, one in {forecaster_name(forecaster): forecaster, simple.name: simple}.items():
+            found[name][label] = _measured(one, windows, free_mps)
     if as_json:
-        print_json(document)
+        facts = {"segments": len(table.segments), "step_s": table.step_s, "missing": table.missing}
+        paths = [str(path.resolve()) for path in written]
+        print_json({**facts, "notes": list(table.notes), "sets": found, "written": paths})
         return
+    _print_errors(table, found)
+    for path in written:
+        console.print(f"written: {path.resolve()}", soft_wrap=True)
+
+
+def _measured(forecaster: Forecaster, windows: Windows, free_mps: float) -> dict[str, Any]:
+    """Errors of a forecaster, and how well it foresees frontiers of congestion; each for three rows ahead."""
+    from dohyo.agents.forecasting.scores import errors, frontier_scores, frontiers_ahead
+
+    got = errors(forecaster, windows, free_mps)
+    frontiers = frontier_scores(frontiers_ahead(forecaster, windows, free_mps), windows, free_mps)
+    return {
+        "mse_x1000": got.normalised.mean(axis=0).tolist(),
+        "rmse_kmh": got.rmse("km/h").tolist(),
+        "rmse_mph": got.rmse("mph").tolist(),
+        "rmse_kmh_interval": _known(got.rmse_interval(KEPT_UNIT)),
+        **{name: [_mean(column) for column in table.T] for name, table in frontiers.items()},
+    }
+
+
+def _print_errors(table: SpeedData, found: Mapping[str, Mapping[str, Any]]) -> None:
+    rows = [
+        (name, label, *(number(value) for value in one["mse_x1000"]), *_speeds(one))
+        for name, facts in found.items()
+        for label, one in facts.items()
+        if isinstance(one, dict)
+    ]
     ahead = [f"t+{(i + 1) * table.step_s / 60:g} min" for i in range(3)]
     print_rows(["set", "", *(f"MSE x 10^3 {at}" for at in ahead), *(f"km/h {at}" for at in ahead)], rows)
-    counts = ", ".join(f"{one['stretches']} in {name}" for name, one in document["sets"].items())
+    counts = ", ".join(f"{one['stretches']} in {name}" for name, one in found.items())
     console.print(
         f"means over stretches (mostly days; {counts}), each with the same weight, of the mean over its windows and "
         "segments; 95 % over stretches"
     )
+    for name, facts in found.items():
+        scores = [
+            f"{_optional(one['frontier_f1'][-1])} by {label}" for label, one in facts.items() if isinstance(one, dict)
+        ]
+        console.print(f"where congestion begins or ends in {name}, F1 in % at {ahead[-1]}: {', '.join(scores)}")
     if table.missing:
         console.print(f"{100 * table.missing:.1f} % of the speeds are missing; filled in histories, left out of errors")
     for note in table.notes:
         console.print(note)
     if table.lag_min:
         console.print(f"the feed is up to {table.lag_min:g} min late: now is that long after its last row")
-    for path in written:
-        console.print(f"written: {path.resolve()}", soft_wrap=True)
+
+
+def _speeds(facts: Mapping[str, Any]) -> list[str]:
+    ends = [[np.nan if end is None else end for end in pair] for pair in facts["rmse_kmh_interval"]]
+    return [_cell(float(rmse), *pair) for rmse, pair in zip(facts["rmse_kmh"], ends, strict=True)]
+
+
+def _mean(values: np.ndarray) -> float | None:
+    """Of those that are known."""
+    there = values[np.isfinite(values)]
+    return round(float(there.mean()), 3) if len(there) else None
+
+
+def _optional(value: float | None) -> str:
+    return "-" if value is None else number(value)
 
 
 def forecaster_name(forecaster: Forecaster) -> str:

@@ -67,3 +67,14 @@ def write_csv(path: Path, speeds: FloatArray, per_mps: float = 1.0, time: bool =
     table |= {f"s{i}": speeds[:, i] * per_mps for i in range(speeds.shape[1])}
     pl.DataFrame(table).write_csv(path)
     return path
+
+
+def jam_that_grows(seed: int, rows: int = 160, segments: int = 12) -> Stretch:
+    """A queue before the last segment that grows upstream by a segment every four minutes, and dissolves."""
+    rng = np.random.default_rng(seed)
+    speeds = np.full((rows, segments), 30.0)
+    for start in range(int(rng.integers(0, 12)), rows - 60, 60):
+        for minute in range(60):
+            length = min(minute // 4, (60 - minute) // 4)
+            speeds[start + minute, segments - length :] = 8.0
+    return Stretch("x", 0.0, (speeds + rng.normal(0.0, 0.4, speeds.shape)).astype(np.float32))

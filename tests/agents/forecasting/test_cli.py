@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import DohyoError
-from tests.agents.forecasting.roads import road_speeds, write_csv, write_folder
+from tests.agents.forecasting.roads import jam_that_grows, road_speeds, write_csv, write_folder
 
 
 def dohyo(*words: object) -> str:
@@ -37,6 +37,17 @@ def test_a_table_of_200_sensors_with_gaps_is_learned_and_evaluated(tmp_path: Pat
         again = json.loads(dohyo(*evaluate, tmp_path / file))["sets"]["test"]
         own = again.get("tsmixer", again.get("onnx"))
         np.testing.assert_allclose(own["rmse_kmh"], test["tsmixer"]["rmse_kmh"], rtol=1e-3)
+
+
+def test_frontiers_of_a_moving_jam_are_foreseen_better_than_by_persistence(tmp_path: Path) -> None:
+    speeds = np.concatenate([jam_that_grows(seed).speeds for seed in range(12)])
+    table = write_csv(tmp_path / "sensors.csv", speeds, 3.6)
+    fit = ("forecast", "fit", "--data", table, "--unit", "km/h", "--model", "frontiers", "--steps", 60)
+    test = json.loads(dohyo(*fit, "--json"))["sets"]["test"]
+    assert test["frontiers"]["frontier_f1"][2] > test["persistence"]["frontier_f1"][2] + 10.0
+    assert "by persistence" in dohyo(
+        "forecast", "evaluate", "--data", table, "--unit", "km/h", "--model", "persistence"
+    )
 
 
 def test_a_folder_is_evaluated_set_by_set(tmp_path: Path) -> None:

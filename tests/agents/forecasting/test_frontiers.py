@@ -14,23 +14,13 @@ from dohyo.agents.forecasting.scores import errors, frontier_scores, frontiers_a
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.agents.forecasting.training import TrainSettings
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
+from tests.agents.forecasting.roads import jam_that_grows
 
-FREE, JAM, N = 30.0, 8.0, 12
+FREE, N = 30.0, 12
 
 
 def states(text: str) -> BoolArray:
     return np.array([letter == "#" for letter in text])
-
-
-def jam_that_grows(seed: int, rows: int = 160) -> Stretch:
-    """A queue before the last segment that grows upstream by a segment every four minutes, and dissolves."""
-    rng = np.random.default_rng(seed)
-    speeds = np.full((rows, N), FREE)
-    for start in range(int(rng.integers(0, 12)), rows - 60, 60):
-        for minute in range(60):
-            length = min(minute // 4, (60 - minute) // 4)
-            speeds[start + minute, N - length :] = JAM
-    return Stretch("x", 0.0, (speeds + rng.normal(0.0, 0.4, speeds.shape)).astype(np.float32))
 
 
 def windows(*seeds: int) -> Windows:
