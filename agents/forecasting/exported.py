@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import ClassVar, Never
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
 
 from dohyo.agents.forecasting.base import Forecaster, Progress
 from dohyo.agents.forecasting.data.windows import HISTORY, Windows
+from dohyo.agents.learning.policies.session import session_from
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -25,15 +25,7 @@ class Exported(Forecaster):
     name: ClassVar[str] = "onnx"
 
     def __init__(self, path: Path, step_s: float = 60.0) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        if not path.is_file():
-            raise InvalidInputError(f"no forecaster '{path}'")
-        try:
-            self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own errors share no base class
-            raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
+        self.session = session_from(path, "forecaster")
         inputs = {one.name: tuple(one.shape) for one in self.session.get_inputs()}
         if set(inputs) != {"history"} or len(inputs["history"]) != 2 or inputs["history"][0] != HISTORY:
             raise InvalidInputError(

@@ -21,12 +21,12 @@ from itertools import pairwise
 from typing import Final, Literal, TypeVar
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
 import torch
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from dohyo.agents.learning.policies.session import session_of
 from dohyo.agents.perception.encoders.base import Encoder, as_float
 from dohyo.agents.perception.encoders.efficientnet import EfficientNetLite0
 from dohyo.agents.priboot.measurements import MEASUREMENTS, TARGET
@@ -192,9 +192,7 @@ class CompiledTrunk(Trunk):
                 input_names=["picture"],
                 dynamo=False,
             )
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(buffer.getvalue(), options, providers=["CPUExecutionProvider"])
+        self._session = session_of(buffer.getvalue())
 
     def encode(self, pictures: Tensor) -> Tensor:
         """Flattened feature maps."""

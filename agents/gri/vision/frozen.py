@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from dohyo.agents.gri.vision.cameras import CAMERAS, SIDE_PX
+from dohyo.agents.learning.policies.session import session_from
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -40,15 +40,9 @@ class FrozenEncoder:
         Raises:
             InvalidInputError: The file is missing, or holds another model.
         """
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
         if not path.is_file():
             raise InvalidInputError(f"no encoder '{path}' (dohyo train affordances makes one)")
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own errors share no base class
-            raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
+        self._session = session_from(path, "encoder")
         self.path = path
         shapes = [tuple(one.shape) for one in (*self._session.get_inputs(), *self._session.get_outputs())]
         if shapes != (expected := [(1, *SHAPE), (1, FEATURES)]):

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 from safetensors import SafetensorError
@@ -19,6 +18,7 @@ from safetensors.numpy import load_file
 
 from dohyo.agents.hierarchical.vision.architecture import STACK, encoder_shapes
 from dohyo.agents.hierarchical.vision.classes import CLASSES, HEIGHT, WIDTH, planes
+from dohyo.agents.learning.policies.session import session_of
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -42,11 +42,8 @@ class Encoder:
         """
         weights = load_weights(Path(path))
         self.size = len(weights["mean.bias"])
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
         model = onnx_model(weights).SerializeToString()
-        self.session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self.session = session_of(model)
 
     def latent(self, picture: NDArray[Any]) -> Float32Array:
         """(Z,) the mean of the latents.

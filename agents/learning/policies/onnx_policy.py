@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
 from gymnasium.spaces import Box, Dict, Discrete
 
 from dohyo.agents.learning.policies.export import ACTION
+from dohyo.agents.learning.policies.session import session_from
 from dohyo.agents.learning.tasks.task import Array
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -31,15 +31,7 @@ class OnnxPolicy:
         Raises:
             InvalidInputError: The file is missing, or no policy of named observations.
         """
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        if not path.is_file():
-            raise InvalidInputError(f"no policy '{path}'")
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own errors share no base class
-            raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
+        self._session = session_from(path, "policy")
         self.path = path
         self.inputs: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
         for one in self._session.get_inputs():

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
 
+from dohyo.agents.learning.policies.session import session_from
 from dohyo.agents.mcts.predictors.features import SHAPES, features
 from dohyo.agents.planning.prediction import NEAREST, STEPS, Forecast, constant_velocity
 from dohyo.agents.planning.scene import Scene
@@ -26,15 +26,7 @@ class Learned:
     """
 
     def __init__(self, path: str | Path = SHIPPED) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        if not Path(path).is_file():
-            raise InvalidInputError(f"no predictor '{path}'")
-        try:
-            self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own errors share no base class
-            raise InvalidInputError(f"'{path}' is no ONNX model: {str(error).splitlines()[0]}") from error
+        self.session = session_from(Path(path), "predictor")
         inputs = {one.name: tuple(one.shape[1:]) for one in self.session.get_inputs()}
         if inputs != SHAPES:
             raise InvalidInputError(f"'{path}' is no predictor: expected the inputs {SHAPES}, got {inputs}")
