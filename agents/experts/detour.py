@@ -1,8 +1,9 @@
-"""Detour: the way of a planner round what stands in its lane, judged by the rules by which the autopilot passes.
+"""Detour: the way of a planner beside the middle of its lane, judged by the rules of the autopilot.
 
 The rules say which obstacle is one, when the lane beside or the oncoming one is free for long enough, and where to wait
-(`blockers`, `passing`, `gaps`). The planner then plans along its route shifted by the sidestep, in its own simulation
-and with its own score.
+(`blockers`, `passing`, `gaps`); and when to make room for an emergency vehicle, or for oncoming traffic in the ego's
+lane (`courtesy`). The planner then plans along its route shifted by the sidestep, in its own simulation and with its
+own score.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import numpy as np
 
 from dohyo.agents.experts import gaps
+from dohyo.agents.experts.courtesy import KEEP_RIGHT_RAMP_M, YIELDING_M_S, EmergencyYielding, keep_right
 from dohyo.agents.experts.passing import FREE, PASSING_M_S, Passing
 from dohyo.agents.planning import surroundings
 from dohyo.agents.planning.scene import Scene
@@ -24,6 +26,9 @@ from dohyo.sumo_networks.sensors.path import BEHIND
 
 LIMIT_M = 30
 MIDDLE_M = 0.3
+JUNCTION_M = 5.0
+"""Nearer to a junction, vehicles that turn look like oncoming traffic in this lane."""
+RIGHT_STEP_M = 0.05
 STRIP_M = 1.2
 """Half the width of the strip beside the route that counts as the route's while the ego passes, m."""
 AWAY_M = 1e4
@@ -45,7 +50,8 @@ class Detour:
     def reset(self) -> None:
         """Clears the state of the last episode."""
         self._passing = Passing(self._half_length, self._half_width)
-        self._aside = Sidestep()
+        self._yielding = EmergencyYielding(self._half_length)
+        self._aside, self._right, self._stops_at = Sidestep(), 0.0, FREE
         self._progress = 0.0
         self._pose: FloatArray | None = None
         self._passed: frozenset[int] = frozenset()
@@ -67,14 +73,29 @@ class Detour:
         """Judges one tick: what blocks the lane, whether to pass it now, and who has to be waited for."""
         around, speed = Surroundings(observation), scene.ego.speed
         self._progress += self._driven(observation, scene)
-        limit = float(observation["path"][BEHIND : BEHIND + LIMIT_M, 4].min())
-        self._passing.update(around, observation["junctions_ahead"], speed, limit, self._progress, self._aside)
-        self._passed = frozenset()
+        self._step_aside(around, observation, speed)
         away = self._aside.aside(self._progress) or abs(scene.path.lateral) > MIDDLE_M
-        self.returning = not self._passing.active and (self.returning or self._aside.aside(self._progress)) and away
-        if self._passing.active:
-            threats = self._passing.threats(around, speed, self._progress)
-            self._passed = frozenset(one.key for one in around.driving() if one.opposes and one.key not in threats)
+        back = self._aside.offset == 0.0 and self._aside.aside(self._progress)
+        self.returning = not self._passing.active and (self.returning or back) and away
+        self._passed = frozenset(self._passing.making_room(around, speed, self._progress))
+
+    def _step_aside(self, around: Surroundings, observation: Observation, speed: float) -> None:
+        """Leaves the middle of the lane for blockers, emergency vehicles and oncoming traffic in this lane."""
+        junctions = observation["junctions_ahead"]
+        limit = float(observation["path"][BEHIND : BEHIND + LIMIT_M, 4].min())
+        if not self._yielding.active:
+            self._passing.update(around, junctions, speed, limit, self._progress, self._aside)
+        self._yielding.update(around, junctions, speed, self._progress, self._aside, self._passing)
+        self._stops_at = FREE
+        if self._passing.active or self._yielding.active:
+            self._right = 0.0
+            if not self._passing.active and self._aside.offset != 0.0 and 0.0 < junctions[0, 0] < 1000.0:
+                self._stops_at = float(junctions[0, 0])  # no junction is entered from the wrong lane
+            return
+        wanted = 0.0 if junctions[0, 0] < JUNCTION_M else keep_right(around, self._half_width, speed)
+        if wanted > self._right + RIGHT_STEP_M or (wanted == 0.0 and self._right > 0.0):
+            self._right = wanted
+            self._aside.lead(-wanted, self._progress, KEEP_RIGHT_RAMP_M)
 
     def _driven(self, observation: Observation, scene: Scene) -> float:
         """Metres along the route since the last tick."""
@@ -107,22 +128,23 @@ class Detour:
     def applied(self, road: Situation, line_gap: float) -> Situation:
         """Situation along the sidestep: its path, and the places of the actors relative to it.
 
-        Where the ego waits to pass, there is a closed line.
+        Where the ego waits to pass, or to return to its lane before a junction, there is a closed line.
 
         Args:
             road: Along the route.
             line_gap: Distance of the front to a closed line at a stop, m.
         """
-        if self._passing.waits_at < FREE:
-            waits = self._half_length + max(self._passing.waits_at, 0.0) + line_gap
-            road = road._replace(line=min(road.line, waits))
+        waits_at = min(self._passing.waits_at, self._stops_at)
+        if waits_at < FREE:
+            road = road._replace(line=min(road.line, self._half_length + max(waits_at, 0.0) + line_gap))
         if not self._aside.aside(self._progress):
             return road
         s = road.first_s + road.spacing * np.arange(len(road.path))
         offset = np.array([self._aside.at(self._progress + ahead) for ahead in s])
         along = road.along.copy()
         along[:, :, 1] -= np.interp(along[:, :, 0], s, offset)
-        top = np.where(np.abs(offset) > self._half_width, PASSING_M_S, np.inf)
+        most = YIELDING_M_S if self._yielding.active else PASSING_M_S
+        top = np.where(np.abs(offset) > self._half_width, most, np.inf)
         path = _shifted(road.path, offset, road.spacing)
         return road._replace(
             path=path,

@@ -159,15 +159,22 @@ class Passing:
         """Keys of oncoming vehicles that the ego would meet if it continued to pass."""
         if not (self.active and self._way.oncoming):
             return {one.key for one in around.driving() if one.oncoming}
+        return {key for key, leaves in self._met(around, speed, progress).items() if not leaves}
+
+    def making_room(self, around: Surroundings, speed: float, progress: float) -> set[int]:
+        """Keys of oncoming vehicles on the way round the blocker that, as judged, leave it in time or brake."""
+        if not (self.active and self._way.oncoming):
+            return set()
+        return {key for key, leaves in self._met(around, speed, progress).items() if leaves}
+
+    def _met(self, around: Surroundings, speed: float, progress: float) -> dict[int, bool]:
+        """Oncoming vehicles on the way round the blocker, and whether each leaves room."""
         stretch = self._stretch(self._way, self._out - progress, self._end - progress, speed)
         braking = HARDEST_BRAKING if stretch.enter <= 0.0 else self._reliance()
         return {
-            one.key
+            one.key: self._leaves_room(one, stretch, speed, braking, 0.0, self._blocker.speed)
             for one in around.driving()
-            if one.opposes
-            and one.s_high > self._half_length
-            and self._in_strip(one, self._way)
-            and not self._leaves_room(one, stretch, speed, braking, 0.0, self._blocker.speed)
+            if one.opposes and one.s_high > self._half_length and self._in_strip(one, self._way)
         }
 
     def _stretch(self, way: Way, enter: float, end: float, speed: float) -> Stretch:

@@ -35,7 +35,7 @@ from dohyo.agents.experts.proposals import (
     score,
 )
 from dohyo.agents.planning.motion import Idm, body
-from dohyo.agents.planning.prediction import constant_velocity
+from dohyo.agents.planning.prediction import constant_speed, constant_velocity
 from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
 from dohyo.agents.planning.situation import Situation, situation
 from dohyo.agents.planning.warm_up import empty_road
@@ -55,6 +55,7 @@ LINE_GAP_M = 0.5
 EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
 PUBLISHED_SPEED, PUBLISHED_BRAKING = 5.0, 4.05
 MOVING = 1.0
+LEEWAY_S = 0.2
 MOST_CHANGE, EASED_TICKS = 3.7, 10
 """Largest change of the demanded acceleration within a second, m/s^2: comfort's 4.13 m/s^3, filtered."""
 Variant = Literal["careful", "published"]
@@ -67,7 +68,8 @@ class PdmClosed(Agent):
         variant: "published" brakes at 3 m/s^2 at most, in an emergency at 4.05 m/s^2, but up to 5 m/s only: a
             faster ego hits pedestrians that step out and leaders that brake hard. "careful" (ours) has an emergency
             brake of 8 m/s^2 at any speed, also where the best proposal leaves the road; waits for pedestrians about to
-            cross; and changes its braking gradually.
+            cross; expects vehicles that turn to go on turning, and all in junctions to come a little earlier or later
+            than forecast; and changes its braking gradually.
         passing: Whether "careful" goes round what stands in its lane (ours); "published" never does.
     """
 
@@ -106,7 +108,7 @@ class PdmClosed(Agent):
         ego, start = scene.ego, np.zeros(STATE)
         start[:6] = -self._car.axle, 0.0, 0.0, ego.speed, ego.acceleration, ego.steering
         roll_out(road, self._car, model, LINE_GAP_M, CORRIDOR_MARGIN_M, start, self._states, self._careful)
-        score(road, self._car, self._states, self._scores)
+        score(road, self._car, self._states, self._scores, LEEWAY_S if self._careful else 0.0)
         best = self._best()
         wheel, demand = self._states[best, 0, -2:]
         self._chosen, self._braking = best, self._in_danger(best, ego.speed)
@@ -120,7 +122,7 @@ class PdmClosed(Agent):
 
     def _look(self, observation: Observation, scene: Scene) -> tuple[Situation, Idm]:
         """Situation along the route, or along the way round what stands on it, and how to follow others there."""
-        forecast, model = constant_velocity(scene), MODEL
+        forecast, model = constant_speed(scene) if self._careful else constant_velocity(scene), MODEL
         if self._detour is not None:
             self._detour.update(observation, scene)
             forecast = self._detour.cleared(scene, forecast)
@@ -148,9 +150,11 @@ class PdmClosed(Agent):
 
     def _best(self) -> int:
         """The highest score; among equals the one on the centreline, then the slowest where all are bad."""
-        totals = self._scores[:, TOTAL]
-        if self._detour is not None and self._detour.returning:
-            totals = totals - RETURN_BONUS * (np.arange(PROPOSALS) >= len(FACTORS))
+        totals, beside = self._scores[:, TOTAL], np.arange(PROPOSALS) >= len(FACTORS)
+        if self._detour is not None and self._detour.passing:
+            totals = np.where(beside, 0.0, totals)  # room was judged for the way round alone
+        elif self._detour is not None and self._detour.returning:
+            totals = totals - RETURN_BONUS * beside
         if totals.max() <= 0.0:  # whichever fails last; the slower among equals
             return int(np.argmax(np.minimum(self._scores[:, [MET_AT, OFF_AT]].min(axis=1), 1e3)))
         return int(np.argmax(totals.round(9)))

@@ -22,6 +22,7 @@ from dohyo.agents.planning.situation import (
     CLASS_OBJECT,
     CLASS_PEDESTRIAN,
     COARSE_S,
+    JUNCTION_BIT,
     NO_LINE,
     ROAD_BIT,
     ROUTE_BIT,
@@ -131,7 +132,7 @@ def _crossing(road: Situation, car: Body, margin: float, speed: float, braking: 
 
 
 @njit(cache=True, error_model="numpy")
-def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) -> None:
+def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray, leeway: float) -> None:
     """Scores every proposal: NC x DAC x DDC x (5 EP + 5 TTC + 2 C) / 12, EP relative to the best.
 
     Args:
@@ -139,10 +140,11 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) ->
         car: The vehicle.
         states: (15, 41, 11) from `roll_out`.
         scores: (15, 9) where the terms are written.
+        leeway: Time by which an actor may be earlier or later in a junction than forecast, s.
     """
     farthest = 0.0
     for number in range(states.shape[0]):
-        _judge(road, car, states[number], scores[number])
+        _judge(road, car, states[number], scores[number], leeway)
         terms = scores[number]
         terms[EP] = max(states[number, states.shape[1] - 1, S] - states[number, 0, S], 0.0)
         if terms[NC] * terms[DAC] * terms[DDC] > 0.0:
@@ -156,7 +158,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray) ->
 
 
 @njit(cache=True, error_model="numpy")
-def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) -> None:
+def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray, leeway: float) -> None:
     terms[NC] = terms[DAC] = terms[DDC] = terms[TTC] = 1.0
     terms[MET_AT] = terms[OFF_AT] = math.inf
     half_length, half_width = 0.5 * car.length, 0.5 * car.width
@@ -165,7 +167,9 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) ->
     for k in range(states.shape[0]):
         x, y, heading, speed = states[k, CENTRE_X], states[k, CENTRE_Y], states[k, HEADING], states[k, SPEED]
         cos, sin = math.cos(heading), math.sin(heading)
-        hit = _met(road, car, x, y, cos, sin, speed, k, BEHIND_COS)
+        inside = (on_grid(road.grid, x, y) & JUNCTION_BIT) != 0
+        early = leeway if inside else 0.0
+        hit = _met(road, car, x, y, cos, sin, speed, k, BEHIND_COS, early)
         if hit >= 0 and terms[MET_AT] == math.inf:
             terms[NC] = 0.5 if road.kind[hit] == CLASS_OBJECT else 0.0
             terms[MET_AT] = k * DT
@@ -182,9 +186,10 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) ->
         elif against > 2.0:
             terms[DDC] = min(terms[DDC], 0.5)
         if terms[TTC] > 0.0 and speed > STANDING:
+            seen = BEHIND_COS if inside else AHEAD_COS
             for ahead in TTC_AHEAD_S:
                 moved, then = speed * ahead, min(k + round(ahead / DT), road.boxes.shape[0] - 1)
-                if _met(road, car, x + moved * cos, y + moved * sin, cos, sin, speed, then, AHEAD_COS) >= 0:
+                if _met(road, car, x + moved * cos, y + moved * sin, cos, sin, speed, then, seen, early) >= 0:
                     terms[TTC] = 0.0
                     break
     terms[COMFORT] = 1.0 if _comfortable(states) else 0.0
@@ -192,8 +197,9 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray) ->
 
 @njit(cache=True, error_model="numpy")
 def _met(
-    road: Situation, car: Body, x: float, y: float, cos: float, sin: float, speed: float, k: int, least_cos: float
-) -> int:
+    road: Situation, car: Body, x: float, y: float, cos: float, sin: float, speed: float, k: int, least_cos: float,
+    leeway: float,
+) -> int:  # fmt: skip
     """An actor the ego's box touches at a step, if it moves and the actor's centre is within an angle; -1 for none."""
     if speed <= STANDING:
         return -1
@@ -201,12 +207,12 @@ def _met(
     reach = math.hypot(half_length, half_width)
     for n in range(road.boxes.shape[1]):
         ox, oy = road.boxes[k, n, 0], road.boxes[k, n, 1]
-        dx, dy = ox - x, oy - y
-        square, far = dx * dx + dy * dy, reach + road.reach[n]
+        dx, dy, early = ox - x, oy - y, leeway * road.speed[n]
+        square, far = dx * dx + dy * dy, reach + road.reach[n] + early
         if square > far * far or dx * cos + dy * sin < least_cos * math.sqrt(square):
             continue
         oc, os, ol, ow = road.boxes[k, n, 2], road.boxes[k, n, 3], road.boxes[k, n, 4], road.boxes[k, n, 5]
-        if boxes_meet(x, y, cos, sin, half_length, half_width, ox, oy, oc, os, ol, ow):
+        if boxes_meet(x, y, cos, sin, half_length, half_width, ox, oy, oc, os, ol + early, ow):
             return n
     return -1
 

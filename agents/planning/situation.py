@@ -12,14 +12,14 @@ from dohyo.agents.planning.motion import project
 from dohyo.agents.planning.prediction import STEPS
 from dohyo.agents.planning.scene import Ego, Scene, TrackedActors
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
-from dohyo.sumo_networks.sensors.lanes import CROSSING
+from dohyo.sumo_networks.sensors.lanes import CROSSING, JUNCTION
 from dohyo.sumo_networks.world import ActorKind
 
 CELL_M = 0.4
 GRID_X_M, GRID_Y_M = (-30.0, 120.0), (-60.0, 60.0)
 GRID_SHAPE = (round((GRID_X_M[1] - GRID_X_M[0]) / CELL_M), round((GRID_Y_M[1] - GRID_Y_M[0]) / CELL_M))
 LANE_TOLERANCE_M = 0.2
-ROAD_BIT, ROUTE_BIT = 1, 2
+ROAD_BIT, ROUTE_BIT, JUNCTION_BIT = 1, 2, 4
 BEYOND_M = 60.0
 FOLLOWS_COS = 0.7
 NO_LINE = 1e9
@@ -88,7 +88,7 @@ def situation(scene: Scene, forecast: FloatArray, *, max_speed: float, curve: fl
     grid = np.zeros(GRID_SHAPE, dtype=np.uint8)
     lanes = scene.lanes
     open_lane = (lanes.kind != CROSSING) & ~lanes.red
-    _draw_lanes(grid, lanes.points, lanes.width, lanes.on_route, open_lane)
+    _draw_lanes(grid, lanes.points, lanes.width, lanes.on_route, lanes.kind == JUNCTION, open_lane)
     _draw_path(grid, path, half_width)
     actors, forecast = _minded(scene.actors, scene.ego, forecast)
     boxes = np.empty((STEPS, len(actors), 6))
@@ -185,12 +185,19 @@ def _draw_strip(grid: np.ndarray, x0: float, y0: float, x1: float, y1: float, ha
 
 @njit(cache=True, error_model="numpy")
 def _draw_lanes(
-    grid: np.ndarray, points: FloatArray, width: FloatArray, on_route: IntArray, is_open: np.ndarray
+    grid: np.ndarray,
+    points: FloatArray,
+    width: FloatArray,
+    on_route: IntArray,
+    inside: np.ndarray,
+    is_open: np.ndarray,
 ) -> None:
     for lane in range(points.shape[0]):
-        if not is_open[lane]:
+        bits = JUNCTION_BIT if inside[lane] else 0
+        if is_open[lane]:
+            bits |= ROAD_BIT | ROUTE_BIT if on_route[lane] > 0 else ROAD_BIT
+        if bits == 0:
             continue
-        bits = ROAD_BIT | ROUTE_BIT if on_route[lane] > 0 else ROAD_BIT
         # A straight piece is one strip.
         first, last = points[lane, 0], points[lane, points.shape[1] - 1]
         chord = math.hypot(last[0] - first[0], last[1] - first[1])
@@ -217,7 +224,7 @@ def _draw_path(grid: np.ndarray, path: FloatArray, half_width: FloatArray) -> No
 
 @njit(cache=True, error_model="numpy")
 def on_grid(grid: np.ndarray, x: float, y: float) -> int:
-    """Flags at a point: 1 road, 2 the route's roads. Beyond the grid everything is both."""
+    """Flags at a point: 1 road, 2 the route's roads, 4 inside a junction. Beyond the grid all is road and route."""
     c, r = math.floor((x - GRID_X_M[0]) / CELL_M), math.floor((y - GRID_Y_M[0]) / CELL_M)
     if c < 0 or r < 0 or c >= grid.shape[0] or r >= grid.shape[1]:
         return ROAD_BIT | ROUTE_BIT

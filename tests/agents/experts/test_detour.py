@@ -8,13 +8,16 @@ import math
 import numpy as np
 import pytest
 
+from dohyo.agents.experts.detour import Detour
 from dohyo.agents.experts.pdm import PdmClosed
 from dohyo.agents.mcts.mbappe import Mbappe
 from dohyo.agents.mcts.study.study import ARMS
+from dohyo.agents.planning.prediction import constant_velocity
+from dohyo.agents.planning.scene import SceneBuilder
 from dohyo.evaluation.agent import Agent
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.world import ActorKind, World
-from tests.agents.driving import drive, fronts, speeds, touched
+from tests.agents.driving import drive, fronts, observed, speeds, touched
 from tests.worlds import LANE_M, Scene, straight_road
 
 WEST = math.pi
@@ -109,3 +112,36 @@ def test_without_the_setting_and_as_published_it_passes_nothing(made: type[Agent
 
 def test_the_arms_of_the_thesis_pass_nothing() -> None:
     assert [arm.settings["passing"] for name, arm in ARMS.items() if name.startswith("thesis")] == [False] * 6
+
+
+def test_those_beside_the_way_round_stay_in_the_forecast() -> None:
+    """Bicycles need a small step to the left; the planner's own offsets may lead farther, into the oncoming lane."""
+    scene = dataclasses.replace(inner_lane(), bodies=()).with_ego(x=100.0, speed=4.0)
+    for x in range(125, 170, 9):
+        scene = scene.with_actor(float(x), 2.8, left=-0.9, kind=ActorKind.BICYCLE, length=1.8, width=0.65)
+    for x in range(105, 220, 6):
+        scene = scene.with_actor(float(x), left=-LANE_M, kind=ActorKind.STATIC, length=4.6, width=1.8)
+    for x in range(190, 420, 45):
+        scene = scene.with_actor(float(x), 8.0, left=LANE_M, heading=WEST)
+    planner, builder, detour = PdmClosed(), SceneBuilder(), Detour(4.5, 1.8)
+    beside = 0
+    for world in drive(planner, scene, 12.0):
+        observation = observed(planner, world)
+        seen = builder.update(observation)
+        detour.update(observation, seen)
+        forecast = constant_velocity(seen)
+        if detour.passing:
+            np.testing.assert_array_equal(detour.cleared(seen, forecast), forecast)
+            beside += int((np.abs(seen.actors.heading) > 3.0).sum())
+    assert beside > 0, "it passed bicycles while others came"
+
+
+@pytest.mark.parametrize("speed", [3.0, 8.0])
+def test_it_keeps_to_the_right_for_those_who_drive_over_the_middle(planner: Agent, speed: float) -> None:
+    scene = dataclasses.replace(inner_lane(), bodies=()).with_ego(x=100.0, speed=speed)
+    for x in range(170, 300, 30):
+        scene = scene.with_actor(float(x), 8.0, left=1.7, heading=WEST)
+    worlds = drive(planner, scene, 14.0)
+    assert touched(worlds) == set()
+    assert lefts(worlds).min() < -0.3
+    assert abs(lefts(worlds)[-1]) < 0.35, "it is back in the middle"

@@ -30,13 +30,13 @@ from dohyo.agents.experts.proposals import (
 from dohyo.agents.planning.motion import Idm, body, boxes_meet, idm_acceleration, project
 from dohyo.agents.planning.prediction import constant_velocity
 from dohyo.agents.planning.scene import SceneBuilder
-from dohyo.agents.planning.situation import ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
+from dohyo.agents.planning.situation import JUNCTION_BIT, ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
 from dohyo.evaluation.agent import Agent
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import LightState
-from tests.agents.driving import drive, fronts, speeds, touched
+from tests.agents.driving import drive, fronts, observed, speeds, touched
 from tests.agents.mcts.roads import observation, straight
 from tests.worlds import Scene, lit_crossing, straight_road
 
@@ -76,6 +76,15 @@ def test_the_grid_knows_road_and_route() -> None:
     assert on_grid(road.grid, 10.0, 1000.0) == ROAD_BIT | ROUTE_BIT  # nothing is known out there
 
 
+@pytest.mark.parametrize("light", [LightState.GREEN, LightState.RED])
+def test_the_grid_knows_the_inside_of_a_junction(light: LightState) -> None:
+    world = lit_crossing().with_ego(x=-40.0).with_lights(light).world()
+    scene = SceneBuilder().update(observed(PdmClosed(), world))
+    road = situation(scene, constant_velocity(scene), max_speed=14.0, curve=2.5, braking=2.0)
+    ahead = [bool(on_grid(road.grid, float(x), 0.0) & JUNCTION_BIT) for x in (0.0, 40.0, 80.0)]
+    assert ahead == [False, True, False]
+
+
 def test_projection_goes_on_straight_past_both_ends() -> None:
     path = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 1.0, 0.0], [2.0, 0.0, 1.0, 0.0]])
     assert project(path, 5.0, 1.0, 1.4, 0.3, 6.0, 9.0)[:2] == (pytest.approx(6.4), pytest.approx(0.3))
@@ -91,12 +100,12 @@ def test_boxes_meet_at_their_edges(x: float, meets: bool) -> None:
 # PDM's proposals
 
 
-def rolled(road: Situation, speed: float, careful: bool = True) -> tuple[FloatArray, FloatArray]:
+def rolled(road: Situation, speed: float, careful: bool = True, leeway: float = 0.0) -> tuple[FloatArray, FloatArray]:
     start, states = np.zeros(STATE), np.zeros((PROPOSALS, STEPS + 1, STATE))
     start[0], start[SPEED] = -CAR.axle, speed
     scores = np.zeros((PROPOSALS, SCORES))
     roll_out(road, CAR, MODEL, LINE_GAP_M, 0.2, start, states, careful)
-    score(road, CAR, states, scores)
+    score(road, CAR, states, scores, leeway)
     return states, scores
 
 
@@ -154,6 +163,33 @@ def test_leaving_the_road_is_worth_nothing() -> None:
     _, scores = rolled(straight(width=2.6), 8.0)
     assert scores[4, DAC] == 1.0
     assert scores[9, DAC] == scores[14, DAC] == 0.0
+
+
+def crossed_by_a_car(y: float, junction: bool) -> Situation:
+    """A car at 16 m/s from the right, 25 m ahead."""
+    seen = observation([(25.0, y, 16.0)], width=80.0)
+    seen["objects"][0, 3] = math.pi / 2
+    scene = SceneBuilder().update(seen)
+    road = situation(scene, constant_velocity(scene), max_speed=14.0, curve=2.5, braking=2.0)
+    return road._replace(grid=road.grid | (JUNCTION_BIT if junction else 0))
+
+
+def test_with_leeway_who_almost_meets_another_meets_him() -> None:
+    places = np.arange(-60.0, 0.0, 1.0)
+    exact, careful = (
+        {y for y in places.tolist() if rolled(crossed_by_a_car(y, True), 10.0, leeway=leeway)[1][4, NC] == 0.0}
+        for leeway in (0.0, 0.2)
+    )
+    assert exact < careful
+    assert 5 <= len(careful) - len(exact) <= 8, "0.2 s at 16 m/s, on both sides"
+
+
+def test_in_a_junction_who_comes_from_the_side_counts_for_the_time_to_collision() -> None:
+    places = np.arange(-60.0, 0.0, 2.0).tolist()
+    open_road, junction = (
+        {y for y in places if rolled(crossed_by_a_car(y, inside), 10.0)[1][4, TTC] == 0.0} for inside in (False, True)
+    )
+    assert open_road < junction
 
 
 def test_who_is_about_to_cross_is_waited_for() -> None:
