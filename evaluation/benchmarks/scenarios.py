@@ -26,6 +26,8 @@ def make_scenarios(benchmark: Benchmark, seeds: Sequence[int]) -> list[Scenario]
         raise InvalidInputError(
             f"the missions of benchmark '{benchmark.name}' have seeds of their own; leave out --seeds"
         )
+    if wrong := [seed for seed in seeds if not 0 <= seed < 2**31]:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': expected seeds of 0 to {2**31 - 1}, got {wrong[0]}")
     return [scenario for seed in seeds for cell in benchmark.cells for scenario in _scenarios(benchmark, cell, seed)]
 
 

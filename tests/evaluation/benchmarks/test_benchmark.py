@@ -54,3 +54,11 @@ def test_a_file_without_a_known_headline_is_refused(line: str, tmp_path: Path) -
     (tmp_path / "mine.toml").write_text(text.replace('headline = "driving_score"', line))
     with pytest.raises(InvalidInputError, match=r"mine.toml.*: headline: "):
         load_benchmark(str(tmp_path / "mine.toml"))
+
+
+@pytest.mark.parametrize("seed", [-1, 2**31])
+def test_seeds_out_of_range_are_one_clear_line(seed: int) -> None:
+    with pytest.raises(
+        InvalidInputError, match=f"benchmark 'quickstart': expected seeds of 0 to 2147483647, got {seed}"
+    ):
+        load_benchmark("quickstart").scenarios([0, seed])
