@@ -1,7 +1,8 @@
 """Judgement of one day: the forecasts in the order of time, and their errors.
 
 A forecaster is asked once a minute, with the last eight minutes alone, so that nothing of the future is seen. Local
-evaluations, built-in agents, ONNX policies and policy workers are judged by these functions, and get the same numbers.
+evaluations, built-in agents, ONNX policies and policy workers are judged by these functions, and get the same numbers;
+an ONNX model computes in single precision, so that its forecasts may differ in the last digits, also by processor.
 """
 
 from __future__ import annotations

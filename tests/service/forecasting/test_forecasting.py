@@ -71,7 +71,10 @@ def client(service: Service) -> Iterator[Client]:
 def test_every_kind_of_submission_gets_the_numbers_of_the_local_command(
     client: Client, service: Service, hard: ForecastBenchmark, tmp_path: Path
 ) -> None:
-    """The same forecaster as built-in agent, as ONNX file and through a worker over HTTP."""
+    """The same forecaster as built-in agent, as ONNX file and through a worker over HTTP.
+
+    The file computes in single precision, so that its forecasts differ in the last digits.
+    """
     client.ensure_agent("built-in", "")
     client.submit_builtin("built-in", "forecaster", TSMIXER)
     client.ensure_agent("uploaded", "")
@@ -82,11 +85,12 @@ def test_every_kind_of_submission_gets_the_numbers_of_the_local_command(
     records = {name: recorded(client, service, one) for name, one in ordered.items()}
     here = local.evaluate_forecaster(hard, "forecaster", TSMIXER, tmp_path / "local")
     for name, days in records.items():
-        assert [day.measures for day in days] == list(here.units.values()), name
+        for day, own in zip(days, here.units.values(), strict=True):
+            assert day.measures == (pytest.approx(own, rel=1e-4) if name == "uploaded" else own), name
         assert [day.forecasts for day in days] == [FORECASTS] * 4
         assert all(day.agent.kind == kind_of(name) for day in days)
-    digests = {tuple(day.forecasts_sha256 for day in days) for days in records.values()}
-    assert len(digests) == 1
+    digests = {name: [day.forecasts_sha256 for day in days] for name, days in records.items()}
+    assert digests["built-in"] == digests["remote"]
     scores = client.metrics(ordered["remote"])["all"]["scores"]
     assert scores.keys() == set(FORECAST_SCORES)
     for key, estimate in here.estimates.items():
