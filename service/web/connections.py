@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import heapq
 import ipaddress
+import itertools
 import logging
 from collections import Counter
 from collections.abc import Collection
@@ -79,6 +80,11 @@ class Connections:
         self._open: dict[str, set[LimitedProtocol]] = {}
         self._count = 0
         self._closed: Counter[tuple[str, str]] = Counter()
+        self._numbers = itertools.count()
+
+    def number(self) -> int:
+        """A number above that of every connection so far."""
+        return next(self._numbers)
 
     def admit(self, new: LimitedProtocol) -> bool:
         """Counts a new connection, after it got the place of another one where none is free."""
@@ -152,17 +158,21 @@ class LimitedProtocol(HttpToolsProtocol):
         self.phase = Phase.HEADERS
         self.group = ""
         self._connections, self._limits = connections, connections.limits
+        self._number = connections.number()
         self._since = 0.0
         self._received = 0
         self._timer: asyncio.TimerHandle | None = None
         self._timed: Phase | None = None
         self._unread: asyncio.TimerHandle | None = None
 
-    def use(self) -> tuple[int, float]:
-        """Order in which connections are closed for room: by phase, then by age, or rate of the body."""
+    def use(self) -> tuple[int, float, int]:
+        """Order in which connections are closed for room: by phase, then by age, or rate of the body.
+
+        The loop's clock stands still while it accepts many at once, so that their number decides.
+        """
         if self.phase is Phase.BODY:
-            return self.phase, self._received / max(self.loop.time() - self._since, 0.1)
-        return self.phase, self._since
+            return self.phase, self._received / max(self.loop.time() - self._since, 0.1), self._number
+        return self.phase, self._since, self._number
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Counts the connection, and gives it time for its first headers."""

@@ -6,6 +6,7 @@ import json
 import selectors
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -22,6 +23,7 @@ from tests.service.serving import Served, serving
 
 ATTACKERS, ROOM = 1500, 1000
 PATIENCE_S = 60.0
+STANDSTILL_S = 1.0
 # A slow request may take ten minutes: each answer of this test comes while those are open.
 FEW_AND_PATIENT = f"""
 import os, dohyo.service.server as server
@@ -118,7 +120,7 @@ def test_1500_slow_connections_keep_nobody_out(served: Served, begin: Callable[[
 
 
 async def echo(scope: Any, receive: Any, send: Any) -> None:
-    """Reads the body, and answers its length; or a long answer, where the path asks for it."""
+    """Reads the body, and answers its length; or a long answer, or one after a standstill, where the path asks for it."""
     length, more = 0, scope["path"] != "/unread-body"
     while more:
         message = await receive()
@@ -126,6 +128,8 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
             return
         length += len(message["body"])
         more = message["more_body"]
+    if scope["path"] == "/standstill":
+        time.sleep(STANDSTILL_S)
     await send({"type": "http.response.start", "status": 200, "headers": []})
     if scope["path"] == "/long":
         for _ in range(1000):
@@ -262,7 +266,8 @@ def test_a_full_server_closes_what_is_of_least_use_first() -> None:
         idle.send(b"GET / HTTP/1.1\r\n\r\n")
         assert b"200 OK" in idle.recv(10_000)
         body = connect(port)
-        body.send(b"POST / HTTP/1.1\r\ncontent-length: 10\r\n\r\n")
+        body.send(b"POST / HTTP/1.1\r\ncontent-length: 10\r\nexpect: 100-continue\r\n\r\n")
+        assert b"100 Continue" in body.recv(10_000), "its headers have not come, so that it would be closed, too"
         slow = [connect(port) for _ in range(6)]
         for one in slow:
             one.send(b"GET / HTTP/1.1\r\n")
@@ -274,6 +279,20 @@ def test_a_full_server_closes_what_is_of_least_use_first() -> None:
         newest.send(b"GET / HTTP/1.1\r\nconnection: close\r\n\r\n")
         assert read(newest).endswith(b"\r\n0\r\n0\r\n\r\n") or b"200 OK" in read(newest)
         for one in (idle, body, newest, *slow, *new):
+            one.close()
+
+
+def test_of_connections_that_come_at_once_the_oldest_are_closed_first() -> None:
+    with limited(total=7, header_s=PATIENCE_S) as port:
+        busy = connect(port)
+        busy.send(b"GET /standstill HTTP/1.1\r\n\r\n")
+        time.sleep(STANDSTILL_S / 2)  # the server accepts nothing in the meantime, and then all of them
+        old, new = ([connect(port) for _ in range(6)] for _ in range(2))
+        assert [read(one) for one in old] == [b""] * 6
+        for one in new:
+            one.send(b"GET / HTTP/1.1\r\nconnection: close\r\n\r\n")
+        assert all(b"200 OK" in read(one) for one in new)
+        for one in (busy, *old, *new):
             one.close()
 
 
