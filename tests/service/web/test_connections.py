@@ -120,7 +120,7 @@ def test_1500_slow_connections_keep_nobody_out(served: Served, begin: Callable[[
 
 
 async def echo(scope: Any, receive: Any, send: Any) -> None:
-    """Reads the body, and answers its length; or a long answer, or one after a standstill, where the path asks for it."""
+    """Reads the body, and answers its length; or answers what the path asks for."""
     length, more = 0, scope["path"] != "/unread-body"
     while more:
         message = await receive()
