@@ -57,6 +57,16 @@ STANDS_M, KEPT_STANDING = 0.1, 6
 """An ego that goes no farther in two seconds stands; one in so many of such moments is kept."""
 HELD_M_S, KEPT_HELD = 0.3, 3
 """An ego that is slower than this in a stall is held; one in so many of such moments is kept."""
+OBSTACLES = (
+    "accident",
+    "accident_two_ways",
+    "construction",
+    "construction_two_ways",
+    "parked_obstacle",
+    "parked_obstacle_two_ways",
+    "vehicle_opens_door",
+)
+"""Kinds of events whose lane must be left."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
@@ -124,7 +134,9 @@ def _recorded(order: MomentRequest, out: Path, network: str, number: int) -> lis
 def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
     """The scenario of one episode: missions and traffic as in the motion dataset, with events on every other route.
 
-    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too.
+    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too. On half of
+    the routes with events these are obstacles in the lane: of all kinds they are a fifth, and a learner of so few ways
+    round them stops for good.
 
     Raises:
         InvalidInputError: The network has too few missions.
@@ -137,7 +149,8 @@ def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
             continue
         try:
             seed = int(np.random.SeedSequence(drawn.seed, spawn_key=(place,)).generate_state(1)[0])
-            events += auto_events(network, plan_route(network, mission), seed, ego=mission.name)
+            kinds = OBSTACLES if (place // 2 + number) % 2 == 0 else None
+            events += auto_events(network, plan_route(network, mission), seed, kinds, ego=mission.name)
         except InvalidInputError:  # no kind fits on a short route
             continue
     return drawn.model_copy(update={"name": f"priboot-{name}-{number}", "events": tuple(events)})
