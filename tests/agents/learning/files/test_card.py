@@ -1,4 +1,4 @@
-"""Cards: every shipped weight has one that names its bytes, and a run writes those of its results."""
+"""Cards: every weight in the repository has one that names its bytes, and a run writes those of its results.
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.toys import PointConfig
 
 AGENTS = Path(dohyo.agents.__file__).parent
-SHIPPED = sorted(path for ending in WEIGHTS for path in AGENTS.rglob(f"checkpoints/**/*{ending}"))
+SHIPPED = sorted(path for ending in WEIGHTS for path in AGENTS.rglob(f"*{ending}"))
 CARD = {
     "subject": "a test",
     "trainer": None,
