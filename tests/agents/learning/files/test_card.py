@@ -1,4 +1,4 @@
-"""Cards: every weight in the repository has one that names its bytes, and a run writes those of its results.
+"""Cards: every weight in the repository has one that names its bytes, and a run writes those of its results."""
 
 from __future__ import annotations
 
