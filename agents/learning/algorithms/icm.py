@@ -23,9 +23,8 @@ from torchrl.modules import MLP
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.networks.modules import ObservationEncoder
 from dohyo.agents.learning.networks.vectors import ActionVector
+from dohyo.agents.learning.runs.config import Positive
 from dohyo.sumo_networks.config import Config
-
-Positive = Annotated[int, Field(gt=0)]
 
 
 class IcmConfig(Config):

@@ -22,10 +22,9 @@ from torchrl.objectives import GAILLoss
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.networks.modules import ObservationEncoder
 from dohyo.agents.learning.networks.vectors import ActionVector
+from dohyo.agents.learning.runs.config import Positive
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
-
-Positive = Annotated[int, Field(gt=0)]
 
 
 class GailConfig(Config):
