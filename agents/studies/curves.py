@@ -19,19 +19,16 @@ COLUMNS, WIDTH, PANEL, HEAD, FOOT = 3, 980, 220, 120, 90
 COLOURS = (*OKABE_ITO[:6], OKABE_ITO[7], OKABE_ITO[6])
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "star")
-ROUNDS = 8
-"""Rounds that a point of a training's curve averages."""
 _BAND = {"fill": "toself", "line_width": 0, "hoverinfo": "skip", "mode": "lines", "opacity": 0.16}
 
 
-def draw(trainings: Trainings, told: Mapping[str, str], measure: str = "return", training: bool = False) -> go.Figure:
+def draw(trainings: Trainings, told: Mapping[str, str], measure: str = "return") -> go.Figure:
     """A panel per task.
 
     Args:
         trainings: The trainings.
         told: Description of each arm in the legend; an arm's place here decides its look.
         measure: Of `MEASURES`.
-        training: Also the returns, or successes, of each seed's episodes of training, as thin lines.
 
     Raises:
         InvalidInputError: A run does not have that measure.
@@ -45,9 +42,7 @@ def draw(trainings: Trainings, told: Mapping[str, str], measure: str = "return",
     for place, trained in enumerate(trainings.values()):
         panel = {"row": place // COLUMNS + 1, "col": place % COLUMNS + 1}
         for arm, runs in trained.items():
-            looks = arms.index(arm)
-            traces = [*(_trained(runs, measure, looks) if training else ()), *_arm(runs, measure, looks)]
-            drawn.add_traces(traces, rows=panel["row"], cols=panel["col"])
+            drawn.add_traces(_arm(runs, measure, arms.index(arm)), rows=panel["row"], cols=panel["col"])
         if imitated := max(run.imitated for runs in trained.values() for run in runs):
             # At the end: plotly ignores shapes in an empty panel.
             grey = {"fillcolor": PALETTES["light"].line, "line_width": 0, "opacity": 0.6, "layer": "below"}
@@ -62,7 +57,7 @@ def draw(trainings: Trainings, told: Mapping[str, str], measure: str = "return",
         drawn.update_xaxes(title_text="steps, thousands", row=place // COLUMNS + 1, col=place % COLUMNS + 1)
     return drawn.update_layout(
         template=template(),
-        title={"text": finding(trainings, measure), "subtitle": {"text": _caption(trainings, training)}},
+        title={"text": finding(trainings, measure), "subtitle": {"text": _caption(trainings)}},
         title_y=1 - 24 / height, title_yanchor="top", width=WIDTH, height=height, margin={"t": HEAD, "b": FOOT},
         legend={"y": -56 / (rows * PANEL), "yanchor": "top", "itemwidth": 46},
     )  # fmt: skip
@@ -108,23 +103,6 @@ def _arm(runs: Sequence[TrainingRun], measure: str, place: int) -> list[go.Scatt
     return [go.Scatter(**outline, **_BAND, fillcolor=colour, showlegend=False), line]
 
 
-def _trained(runs: Sequence[TrainingRun], measure: str, place: int) -> list[go.Scatter]:
-    """The last rounds of each seed, with exploration."""
-    lines = []
-    for run in runs:
-        if measure not in run.rounds:
-            continue
-        ended = np.isfinite(run.rounds[measure])
-        sums = np.cumsum(np.insert(run.rounds[measure][ended], 0, 0.0))
-        ends = np.arange(1, len(sums))
-        begins = np.maximum(ends - ROUNDS, 0)
-        means = (sums[ends] - sums[begins]) / (ends - begins)
-        line = {"color": COLOURS[place % len(COLOURS)], "width": 1.0}
-        x = run.rounds["steps"][ended] / 1e3
-        lines.append(go.Scatter(x=x, y=means, mode="lines", line=line, opacity=0.6, showlegend=False))
-    return lines
-
-
 def _look(place: int) -> dict[str, Any]:
     colour = COLOURS[place % len(COLOURS)]
     return {
@@ -146,10 +124,9 @@ def _legend(trainings: Trainings, arms: Sequence[str], told: Mapping[str, str]) 
     return keys
 
 
-def _caption(trainings: Trainings, training: bool) -> str:
+def _caption(trainings: Trainings) -> str:
     runs = [run for arms in trainings.values() for trained in arms.values() for run in trained]
     counts = sorted({int(n) for run in runs for n in run.evaluations.get("episodes", ()) if np.isfinite(n)})
     said = f"n = {' or '.join(map(str, counts))} held-out episodes, without exploration. "
     said += "Bands: 95 % over seeds (t); whiskers: 95 % over the episodes of a single seed.<br>"
-    said += "Grey: steps in which arms that imitate the rules do so."
-    return said + (f" Thin: the last {ROUNDS} rounds of each training, with exploration." if training else "")
+    return said + "Grey: steps in which arms that imitate the rules do so."

@@ -67,14 +67,6 @@ def test_imitation_is_grey_where_any_arm_imitates():
     assert (grey.x0, grey.x1) == (0, 4.0)
 
 
-def test_the_trainings_own_returns_are_means_of_the_last_rounds():
-    assert not named(curves.draw({"lane": {"ghrl": THREE}}, TOLD), "lines")[1:]
-    *lines, _ = named(curves.draw({"lane": {"ghrl": THREE}}, TOLD, training=True), "lines")
-    assert len(lines) == 3
-    assert lines[0].x.tolist() == [i / 10 for i in range(1, 10)]
-    assert lines[0].y.tolist() == [1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.5]
-
-
 def test_the_title_says_who_ends_highest_and_where_intervals_are_apart():
     both = {"ghrl": THREE, "hrl": ONE}
     near = {"ghrl": [a_run(0, 28.0)], "hrl": [a_run(0, 30.0)]}
