@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from dohyo.agents.registry import resolve_with
 from dohyo.evaluation.agent import Agent, make_agent
+
+TRAININGS: Final = (0, 1, 2)
+"""Seeds of the trainings of an arm: as many as a verdict needs, see `claims`."""
 
 
 @dataclass(frozen=True, slots=True)

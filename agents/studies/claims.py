@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_pairs, p_value
+from dohyo.agents.studies.rows import Row, matched
 from dohyo.evaluation.statistics import Estimate
 
 LEVEL: Final = 0.05
@@ -83,10 +84,39 @@ class Judgement:
         return _has_few(self.trainings)
 
 
+def paired_interval(differences: Matched) -> Estimate:
+    """Mean and interval of paired differences, by the crossed bootstrap."""
+    return estimate(differences, of_pairs)
+
+
+def judge_rows(
+    claims: Iterable[Claim],
+    rows: Sequence[Row],
+    *,
+    at: Callable[[Row, str], bool] = lambda row, where: where in ("", row["benchmark"]),
+    values: Callable[[Iterable[Row], str, str], Matched] = matched,
+    interval: Callable[[Matched], Estimate] = paired_interval,
+) -> list[Judgement]:
+    """Judges a list of claims by the rows of their places; see `judge`.
+
+    Args:
+        claims: All claims of the study.
+        rows: All rows.
+        at: Whether a row belongs to the place of a claim, see `Claim.where`.
+        values: Values of a measure in an arm, see `matched`.
+        interval: See `judge`.
+    """
+    return judge(
+        claims,
+        lambda claim, arm: values((row for row in rows if at(row, claim.where)), arm, claim.measure),
+        interval,
+    )
+
+
 def judge(
     claims: Iterable[Claim],
     values: Callable[[Claim, str], Matched],
-    interval: Callable[[Matched], Estimate] = lambda matched: estimate(matched, of_pairs),
+    interval: Callable[[Matched], Estimate] = paired_interval,
 ) -> list[Judgement]:
     """Judges a list of claims; those whose arms have no scenario in common are left out.
 
@@ -96,12 +126,12 @@ def judge(
         interval: Mean and interval of paired differences.
     """
     pairs = [(claim, difference(values(claim, claim.left), values(claim, claim.right))) for claim in claims]
-    pairs = [(claim, matched) for claim, matched in pairs if matched]
-    means = [by_training(matched) for _, matched in pairs]
-    p_values = [1.0 if _has_few(of) else p_value(matched) for of, (_, matched) in zip(means, pairs, strict=True)]
+    pairs = [(claim, differences) for claim, differences in pairs if differences]
+    means = [by_training(differences) for _, differences in pairs]
+    p_values = [1.0 if _has_few(of) else p_value(some) for of, (_, some) in zip(means, pairs, strict=True)]
     judged = []
-    for (claim, matched), of, p, adjusted in zip(pairs, means, p_values, holm(p_values), strict=True):
-        found = interval(matched)
+    for (claim, differences), of, p, adjusted in zip(pairs, means, p_values, holm(p_values), strict=True):
+        found = interval(differences)
         said = verdict(claim.relation, found.mean or 0.0, adjusted)
         judged.append(Judgement(claim, found, of, p, adjusted, said))
     return judged

@@ -34,7 +34,7 @@ from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row, is_lost
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study
-from dohyo.agents.studies.tables import PAGE, fixed
+from dohyo.agents.studies.tables import fixed
 from dohyo.evaluation.report.style import markdown
 from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.config import Config
@@ -232,8 +232,8 @@ def table(results: Results) -> str:
 
 STUDY = Study(
     summary="our algorithms against stable-baselines3's on gymnasium's environments",
-    stored=HERE / "results" / "peers",
-    page=HERE / PAGE,
+    room=HERE,
+    published="peers",
     options=Options,
     cells=cells,
     work=work,

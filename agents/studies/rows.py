@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,19 +44,34 @@ def is_lost(row: Row) -> bool:
 
 
 def matched(rows: Iterable[Row], arm: str, measure: str) -> Matched:
-    """Values of a measure in an arm, by scenario and training; without lost cells."""
+    """Values of a measure in an arm, by scenario and training; without lost cells, and rows whose value is None."""
     found: dict[tuple[Any, ...], dict[int | None, float]] = {}
     for row in rows:
-        if row["arm"] == arm and not is_lost(row):
+        if row["arm"] == arm and not is_lost(row) and row[measure] is not None:
             key = (row["benchmark"], row["scenario"], row["seed"])
             found.setdefault(key, {})[row["training_seed"]] = float(row[measure])
     return found
 
 
-def arms_in(rows: Iterable[Row], order: Sequence[str]) -> list[str]:
-    """Arms that have rows, in a given order."""
-    there = {row["arm"] for row in rows}
-    return [arm for arm in order if arm in there]
+def grouped(rows: Iterable[Row], field: str) -> dict[Any, list[Row]]:
+    """Rows by the value of a field, in the order of the rows."""
+    found: dict[Any, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row[field], []).append(row)
+    return found
+
+
+def by_arm(rows: Iterable[Row], order: Iterable[str]) -> dict[str, list[Row]]:
+    """Rows of each arm that has some, in a given order of the arms."""
+    found = grouped(rows, "arm")
+    return {arm: found[arm] for arm in order if arm in found}
+
+
+def by_place(rows: Iterable[Row], order: Iterable[str]) -> Iterator[tuple[str, str, list[Row]]]:
+    """Benchmark, arm and their rows: benchmarks in the order of the rows, arms in a given one."""
+    for where, there in grouped(rows, "benchmark").items():
+        for arm, own in by_arm(there, order).items():
+            yield where, arm, own
 
 
 def infractions_per_km(rows: Iterable[Row]) -> tuple[float, Mapping[str, float]]:
@@ -67,8 +82,3 @@ def infractions_per_km(rows: Iterable[Row]) -> tuple[float, Mapping[str, float]]
     for row in driven:
         total.update(row["infractions"])
     return km, defaultdict(float, {kind: count / km for kind, count in total.items()})
-
-
-def named(rows: Iterable[Row], field: str) -> list[Any]:
-    """Different values of a field, in the order of the rows."""
-    return list(dict.fromkeys(row[field] for row in rows))

@@ -14,8 +14,9 @@ from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.claims import Judgement
-from dohyo.agents.studies.rows import Row, read_rows
+from dohyo.agents.studies.rows import Row, is_lost, read_rows
 from dohyo.agents.studies.runner import Job, Progress, run
+from dohyo.agents.studies.tables import PAGE
 from dohyo.evaluation.entry import load_entry
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -53,6 +54,11 @@ class Results:
     rows: Sequence[Row]
     facts: Mapping[str, Any]
 
+    @property
+    def kept(self) -> list[Row]:
+        """Rows of the cells that were not lost."""
+        return [row for row in self.rows if not is_lost(row)]
+
 
 @dataclass(frozen=True, slots=True)
 class Study(Generic[O]):
@@ -60,8 +66,7 @@ class Study(Generic[O]):
 
     Attributes:
         summary: Subject, in a few words.
-        stored: Folder of the published rows.
-        page: RESULTS.md of the system.
+        room: Folder of the system, with its RESULTS.md.
         options: Settings that change the rows, such as a folder of trainings.
         cells: All cells.
         work: Measures of the cells of one job; at the top of a module, since processes import it.
@@ -74,11 +79,11 @@ class Study(Generic[O]):
         facts: Facts of a run beside its options; called at its end.
         figures: Draws the figures into a folder, and returns their paths; None without figures.
         judged: Judges the claims on the stored results; those whose arms have no rows are left out.
+        published: Folder of the published rows in `results` of the room; "": that itself.
     """
 
     summary: str
-    stored: Path
-    page: Path
+    room: Path
     options: type[O]
     cells: Callable[[O], Sequence[Cell]]
     work: Callable[[O, Job], Iterable[Row]]
@@ -91,6 +96,17 @@ class Study(Generic[O]):
     facts: Callable[[O], Mapping[str, Any]] = lambda options: {}
     figures: Callable[[Results, Path], Sequence[Path]] | None = field(default=None)
     judged: Callable[[Results], Sequence[Judgement]] = lambda results: ()
+    published: str = ""
+
+    @property
+    def stored(self) -> Path:
+        """Folder of the published rows."""
+        return self.room / "results" / self.published
+
+    @property
+    def page(self) -> Path:
+        """RESULTS.md of the system."""
+        return self.room / PAGE
 
     def run(
         self,
@@ -118,8 +134,8 @@ class Study(Generic[O]):
         if not cells:
             raise InvalidInputError("expected arms, trainings and benchmarks of the study, got a choice without cells")
         given, earlier = options.model_dump(mode="json"), read_results(out).facts
-        if earlier.get("options", given) != given:
-            before = earlier["options"]
+        before = earlier.get("options", {})
+        if given | before != given:  # options that are newer than the rows may have any value
             raise InvalidInputError(f"'{out}' has rows of other options: expected {before}; choose another --out")
         self.prepare(options, cells, workers)
         origin = {"options": given, "sessions": [*earlier.get("sessions", ()), surroundings()]}

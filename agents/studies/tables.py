@@ -7,22 +7,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from types import MappingProxyType
+from typing import Final, TypeVar
 
 from dohyo.agents.studies.claims import Judgement
+from dohyo.agents.studies.crossed_bootstrap import estimate
+from dohyo.agents.studies.rows import Row, matched
 from dohyo.evaluation.report.style import MISSING, interval, markdown, number
-from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.statistics import Estimate, mean_estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
+R = TypeVar("R")
+Columns = Mapping[str, Callable[[Judgement], str]]
+"""Cells of a claim, by head."""
 PAGE: Final = "RESULTS.md"
+
+
+def claimed(one: Judgement) -> str:
+    """Wording of the claim."""
+    return str(one.claim)
+
+
+def where(one: Judgement) -> str:
+    """Place of the claim."""
+    return one.claim.where
+
+
+def measured(one: Judgement) -> str:
+    """Measure of the claim."""
+    return one.claim.measure
+
+
+def counted(one: Judgement) -> str:
+    """Number of paired differences."""
+    return str(one.difference.n)
+
+
+def rounded(one: Judgement) -> str:
+    """Difference with its interval, to one decimal."""
+    return fixed(one.difference)
+
+
+CLAIM: Final[Columns] = MappingProxyType({"claim": claimed, "where": where, "measure": measured})
+
+
+def claims_section(
+    judged: Callable[[R], Sequence[Judgement]],
+    before: Columns = CLAIM,
+    shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
+) -> Callable[[R], str]:
+    """Section with the verdicts on a study's claims, see `claims_table`."""
+    return lambda results: claims_table(judged(results), before, shown)
 
 
 def claims_table(
     judged: Sequence[Judgement],
-    before: Mapping[str, Callable[[Judgement], str]],
+    before: Columns,
     shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
 ) -> str:
     """A row per claim; empty without any.
@@ -43,6 +86,26 @@ def _verdict_cells(one: Judgement) -> tuple[str, str]:
     if one.few_trainings:
         return MISSING, f"{one.verdict}: {count} training{'s' * (count > 1)}"
     return probability(one.adjusted), one.verdict
+
+
+def mean_of(
+    rows: Iterable[Row],
+    arm: str,
+    measure: str,
+    digits: int = 1,
+    alone: Callable[[Sequence[float]], Estimate] = mean_estimate,
+) -> str:
+    """Mean of a measure over scenarios and trainings of an arm, with its interval; "—" without values.
+
+    Args:
+        rows: Among others those of the arm.
+        arm: Its name.
+        measure: Of the rows.
+        digits: Decimals.
+        alone: Estimate of independent values, see `estimate`.
+    """
+    values = matched(rows, arm, measure)
+    return fixed(estimate(values, alone), digits) if values else MISSING
 
 
 def each_training(one: Judgement) -> str:

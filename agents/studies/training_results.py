@@ -7,7 +7,6 @@ An interval over seeds is Student's; a single seed has the interval of its own e
 
 from __future__ import annotations
 
-import csv
 import logging
 import math
 import re
@@ -22,6 +21,7 @@ from scipy.special import stdtrit  # type: ignore[import-untyped]
 
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.trained import Columns, columns
 from dohyo.evaluation.report.style import MISSING, interval, markdown
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.arrays import FloatArray
@@ -45,7 +45,6 @@ MEASURES: Mapping[str, str] = MappingProxyType(
 )
 """Columns of evaluations.csv, and their axis titles."""
 BOUNDS = MappingProxyType({"success": (0.0, 100.0), "infraction": (0.0, 1.0), "standing": (0.0, 1.0)})
-Columns = Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +145,7 @@ def read_run(folder: Path, seed: int) -> TrainingRun | None:
     """
     try:
         config = tomllib.loads((folder / "config.toml").read_text())
-        evaluations, rounds = (_columns(folder / f"{name}.csv") for name in ("evaluations", "metrics"))
+        evaluations, rounds = (columns(folder / f"{name}.csv") for name in ("evaluations", "metrics"))
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"'{folder}' is no run: {error}") from error
     if not len(evaluations.get("steps", ())):
@@ -228,10 +227,3 @@ def _told(runs: Sequence[TrainingRun], measure: str, steps: Sequence[float]) -> 
 def _range(counts: Sequence[int]) -> str:
     low, high = min(counts), max(counts)
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
-
-
-def _columns(path: Path) -> Columns:
-    with path.open(newline="") as file:
-        header, *rows = list(csv.reader(file)) or [[]]
-    values = np.array([[float(cell) if cell else math.nan for cell in row] for row in rows])
-    return dict(zip(header, values.reshape(len(rows), len(header)).T, strict=True))

@@ -11,14 +11,12 @@ import numpy as np
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import EDGES_M
-from dohyo.agents.studies.claims import Claim, Judgement, judge
-from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
-from dohyo.agents.studies.rows import Row, arms_in, infractions_per_km, is_lost, matched
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.rows import Row, by_arm, infractions_per_km
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.agents.studies.tables import claims_section, mean_of, rounded
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 from dohyo.evaluation.report.style import MISSING, markdown
-from dohyo.evaluation.statistics import mean_estimate
 
 Claims = Sequence[Claim]
 Arms = Mapping[str, DrivingArm]
@@ -45,7 +43,7 @@ def tables_of(arms: Arms, claims: Claims) -> Mapping[str, Callable[[Results], st
     return {
         "trainings": partial(trainings_table, arms),
         "success": partial(success_table, arms),
-        "claims": partial(claims_section, claims),
+        "claims": claims_section(partial(judged, claims), shown=rounded),
         "infractions": partial(infractions_table, arms),
         "lateral": partial(lateral_table, arms),
     }
@@ -54,9 +52,8 @@ def tables_of(arms: Arms, claims: Claims) -> Mapping[str, Callable[[Results], st
 def trainings_table(arms: Arms, results: Results) -> str:
     """A row per training: its last evaluation on its own held-out missions."""
     lines = []
-    rows = [row for row in results.rows if row["benchmark"] == TRAINING and not is_lost(row)]
-    for arm in arms_in(rows, [*arms]):
-        for row in (row for row in rows if row["arm"] == arm):
+    for arm, own in by_arm((row for row in results.kept if row["benchmark"] == TRAINING), arms).items():
+        for row in own:
             steps = f"{row['steps']:,}" + ("" if row["finished"] else ", unfinished")
             shown = [MISSING if row[name] is None else f"{row[name]:.3g}" for name in LAST]
             facts = [f"{row['training_seed']}", steps, f"{row['updates']:,}", f"{row['tier']}"]
@@ -66,10 +63,13 @@ def trainings_table(arms: Arms, results: Results) -> str:
 
 def success_table(arms: Arms, results: Results) -> str:
     """A row per arm: success by traffic, and without any red light or stop sign run, beside the thesis's."""
-    lines, rows = [], driven(results)
-    for arm in arms_in(rows, [*arms]):
-        own = [row for row in rows if row["arm"] == arm]
-        shown = [_share(own, arm, measure, traffic) for measure in ("success", "lawful_success") for traffic in TRAFFIC]
+    lines = []
+    for arm, own in by_arm(driven(results), arms).items():
+        shown = [
+            mean_of(of_traffic(own, traffic), arm, measure)
+            for measure in ("success", "lawful_success")
+            for traffic in TRAFFIC
+        ]
         told = " / ".join(MISSING if value is None else f"{value:g}" for value in arms[arm].reported)
         count = len({row["training_seed"] for row in own})
         decision = float(np.median([row["decision_ms"] for row in own]))
@@ -81,30 +81,13 @@ def success_table(arms: Arms, results: Results) -> str:
 
 def judged(claims: Claims, results: Results) -> list[Judgement]:
     """The thesis's order of the arms, on trainings or on drives of the unseen town."""
-
-    def values(claim: Claim, arm: str) -> Matched:
-        if claim.where == TRAINING:
-            return matched((row for row in results.rows if row["benchmark"] == TRAINING), arm, claim.measure)
-        return matched(of_traffic(driven(results), claim.where), arm, claim.measure)
-
-    return judge(claims, values)
-
-
-def claims_section(claims: Claims, results: Results) -> str:
-    """Verdicts on the thesis's order of the arms."""
-    before = {
-        "claim": lambda one: str(one.claim),
-        "where": lambda one: one.claim.where,
-        "measure": lambda one: one.claim.measure,
-    }
-    return claims_table(judged(claims, results), before, lambda one: fixed(one.difference))
+    return judge_rows(claims, results.kept, at=lambda row, where: where in (row["benchmark"], _traffic(row)))
 
 
 def infractions_table(arms: Arms, results: Results) -> str:
     """Infractions per km driven in regular traffic, pooled over the drives of an arm."""
-    lines, rows = [], of_traffic(driven(results), "regular")
-    for arm in arms_in(rows, [*arms]):
-        own = [row for row in rows if row["arm"] == arm]
+    lines = []
+    for arm, own in by_arm(of_traffic(driven(results), "regular"), arms).items():
         km, found = infractions_per_km(own)
         completion = math.fsum(row["route_completion"] for row in own) / len(own)
         rates = [f"{found[kind]:.2f}" for kind in PER_KM]
@@ -114,9 +97,9 @@ def infractions_table(arms: Arms, results: Results) -> str:
 
 def lateral_table(arms: Arms, results: Results) -> str:
     """Share of the time by the distance beside the route, in all traffic, %."""
-    lines, rows = [], driven(results)
-    for arm in arms_in(rows, [*arms]):
-        ticks = np.sum([row["lateral_ticks"] for row in rows if row["arm"] == arm], axis=0)
+    lines = []
+    for arm, own in by_arm(driven(results), arms).items():
+        ticks = np.sum([row["lateral_ticks"] for row in own], axis=0)
         lines.append([arm, *(f"{share:.1f}" for share in 100.0 * ticks / max(ticks.sum(), 1))])
     ends = [f"to {edge:g} m" for edge in EDGES_M[1:]]
     return markdown(["arm", *ends, "beyond"], lines) if lines else ""
@@ -124,14 +107,14 @@ def lateral_table(arms: Arms, results: Results) -> str:
 
 def driven(results: Results) -> list[Row]:
     """Rows of drives in the unseen town."""
-    return [row for row in results.rows if row["benchmark"] != TRAINING and not is_lost(row)]
+    return [row for row in results.kept if row["benchmark"] != TRAINING]
 
 
 def of_traffic(rows: Iterable[Row], traffic: str) -> list[Row]:
-    """Rows of one amount of traffic, which the scenario's name has."""
-    return [row for row in rows if f".{traffic}." in row["scenario"]]
+    """Rows of one amount of traffic."""
+    return [row for row in rows if _traffic(row) == traffic]
 
 
-def _share(rows: Iterable[Row], arm: str, measure: str, traffic: str) -> str:
-    values = matched(of_traffic(rows, traffic), arm, measure)
-    return fixed(estimate(values, mean_estimate)) if values else MISSING
+def _traffic(row: Row) -> str:
+    """Amount of traffic of a drive, which the scenario's name has, such as "town-test.dense.test.m00"."""
+    return ".".join(row["scenario"].split(".")[1:2])

@@ -13,7 +13,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,39 +24,14 @@ from dohyo.agents.forecasting.data.windows import HORIZON, make_windows
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
 from dohyo.agents.forecasting.quantiles import Quantiles
-from dohyo.agents.forecasting.registry import CHECKPOINTS, OWN, SIMPLE, load_forecaster, make_forecaster
+from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster
 from dohyo.agents.forecasting.scores import coverage, errors, frontier_scores, frontiers_ahead
+from dohyo.agents.forecasting.study.arms import Variant
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.sumo_networks.files import write_atomically
 
 SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}
 SHIPPED |= {name: name for name in ("linear", "historical-mean", "sa-lstm-quantiles")} | {"tsmixer": "tsmixer-mse"}
-
-
-@dataclass(frozen=True, slots=True)
-class Variant:
-    """A forecaster with the loss and length of its training.
-
-    Attributes:
-        name: Of the forecaster.
-        depth: Of the Laplacian loss; None: squared error alone.
-        weight: Of that loss.
-        length: Factor of the study's steps.
-    """
-
-    name: str
-    depth: int | None = None
-    weight: float = 1.0
-    length: int = 1
-
-    @property
-    def arm(self) -> str:
-        """Name of the arm."""
-        if self.name in (*SIMPLE, *OWN):
-            return self.name
-        loss = "mse" if self.depth is None else f"lap{self.depth}"
-        balanced, long = "-balanced" * (self.weight != 1.0), "-long" * (self.length > 1)
-        return f"{self.name}-{loss}{balanced}{long}"
 
 
 class Lab:

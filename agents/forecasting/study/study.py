@@ -9,38 +9,27 @@ DIR is a folder of `dohyo dataset freeway`. Trained forecasters stay in the fold
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from functools import cache
-from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import torch
 
 from dohyo.agents.forecasting.data.reading import read_data
-from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.registry import SIMPLE
-from dohyo.agents.forecasting.study.lab import Lab, Variant
+from dohyo.agents.forecasting.study.arms import ARMS, COMPARED
+from dohyo.agents.forecasting.study.lab import Lab
 from dohyo.agents.forecasting.study.latency import of_network
 from dohyo.agents.forecasting.study.tables import TABLES, judged
-from dohyo.agents.studies.arms import Arm, Block, Cell, Place, cells_of
+from dohyo.agents.studies.arms import TRAININGS, Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Study
-from dohyo.agents.studies.tables import PAGE
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 
-COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
-DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)
-BALANCED = 0.001
-"""Weight of the Laplacian loss that makes it as large as the squared error."""
-LONG = 10
-"""Factor of the steps in the long runs, which show whether the Laplacian loss needs longer training."""
 LATENCY = (*((name, 1) for name in COMPARED), *((f"sa-lstm{way}", 3) for way in ("", "-all-at-once", "-n-step")))
 QUICK_RUNS = 2000
-SEEDS = (0, 1, 2)
 
 
 class Options(Config):
@@ -57,20 +46,6 @@ class Options(Config):
     models: Path = Path("out/forecasting")
 
 
-def _variants() -> Iterator[Variant]:
-    """All arms: simple ones, ways to look ahead, other networks with both losses, depths, and long runs."""
-    yield from (Variant(name) for name in SIMPLE)
-    for name in ("sa-lstm", "sa-lstm-n-step", "sa-lstm-all-at-once", Quantiles.name):
-        yield Variant(name, DEPTH, BALANCED)
-    yield from (Variant(name, depth) for name, depth in product(("tsmixer", *COMPARED), (None, DEPTH)))
-    yield from (Variant("sa-lstm", depth) for depth in DEPTHS if depth != DEPTH)
-    yield from (Variant(name, DEPTH) for name in ("sa-lstm-all-at-once", "sa-lstm-n-step"))
-    yield from (Variant("sa-lstm", depth, length=LONG) for depth in (None, DEPTH))
-
-
-ARMS: Mapping[str, Arm] = MappingProxyType({one.arm: Arm(one.name, asdict(one)) for one in _variants()})
-
-
 @cache
 def _lab(options: Options) -> Lab:
     torch.set_num_threads(1)
@@ -85,13 +60,13 @@ def cells(options: Options) -> list[Cell]:
     data = _lab(options).data
     days = [Place(name, f"{day:02}", None) for name in data.measured_sets for day in range(len(data.sets[name]))]
     learned = [arm for arm in ARMS if arm not in SIMPLE]
-    return cells_of((Block([*SIMPLE], (None,), days), *(Block(learned, (seed,), days) for seed in SEEDS)))
+    return cells_of((Block([*SIMPLE], (None,), days), *(Block(learned, (seed,), days) for seed in TRAININGS)))
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
     """Trains a forecaster, unless it is stored, and measures it on every day of the job's sets."""
     lab, first = _lab(options), job[0]
-    forecaster = lab.forecaster(Variant(**ARMS[first.arm].settings), first.training_seed or 0)
+    forecaster = lab.forecaster(ARMS[first.arm], first.training_seed or 0)
     for name in dict.fromkeys(cell.benchmark for cell in job):
         for day, measured in enumerate(lab.measures(forecaster, name)):
             yield {"benchmark": name, "scenario": f"{day:02}", **measured}
@@ -103,7 +78,7 @@ def facts(options: Options) -> Mapping[str, Any]:
     segments = len(lab.data.segments)
     measured = {(name, rows): of_network(name, segments, rows, QUICK_RUNS, 200) for name, rows in LATENCY}
     return {
-        "seeds": SEEDS,
+        "seeds": TRAININGS,
         "steps": options.steps,
         "free_kmh": round(3.6 * lab.free_mps, 3),
         "segments": segments,
@@ -119,8 +94,7 @@ def facts(options: Options) -> Mapping[str, Any]:
 
 STUDY = Study(
     summary="forecasters: the thesis's tables 6.1 to 6.4",
-    stored=Path(__file__).parents[1].joinpath("results"),
-    page=Path(__file__).parents[1].joinpath(PAGE),
+    room=Path(__file__).parents[1],
     options=Options,
     cells=cells,
     work=work,

@@ -10,11 +10,11 @@ import numpy as np
 
 from dohyo.agents.forecasting.data.windows import HORIZON
 from dohyo.agents.forecasting.registry import SIMPLE
-from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows, of_ablation
 from dohyo.agents.studies.crossed_bootstrap import Matched, dense_estimate
 from dohyo.agents.studies.rows import matched
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import bracketed, claims_table
+from dohyo.agents.studies.tables import bracketed, claimed, claims_table
 from dohyo.evaluation.report.style import MISSING, markdown, number
 
 SETS: Final = ("easy", "hard")
@@ -138,9 +138,7 @@ def intervals(results: Results) -> str:
 
 def judged(results: Results) -> list[Judgement]:
     """Claims of the thesis, and ours: the smaller error is on the left."""
-    return judge(
-        list(directions()), lambda claim, arm: values(results, arm, claim.where, claim.measure), dense_estimate
-    )
+    return judge_rows(directions(), results.rows, interval=dense_estimate)
 
 
 def claims(results: Results) -> str:
@@ -153,7 +151,7 @@ def claims(results: Results) -> str:
         relative = 100.0 * (found.mean or 0.0) / right
         return f"{mean} [{low}, {high}] ({relative:+.0f} %, {n} seed{'s' * (n > 1)})"
 
-    before = {"claim": lambda one: str(one.claim), "set": lambda one: one.claim.where.capitalize()}
+    before = {"claim": claimed, "set": lambda one: one.claim.where.capitalize()}
     return claims_table(judged(results), before, shown)
 
 

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS
-from dohyo.agents.studies.claims import Claim, Judgement, judge
-from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
-from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.rows import Row, by_arm, grouped
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.agents.studies.tables import claimed, claims_section, mean_of, measured, where
 from dohyo.evaluation.report.style import MISSING, markdown
-from dohyo.evaluation.statistics import mean_estimate
 
 LAST, CURVE = "last", "curve"
 """Rows of a training's last policy, and of its evaluations."""
@@ -63,23 +61,14 @@ CLAIMS: Final = (
 
 def shares(results: Results) -> str:
     """A row per arm: its last policies, and what was in their replays."""
-    rows = [row for row in results.rows if not is_lost(row)]
-    lines = []
+    lines, rows = [], grouped(results.kept, "benchmark")
     for problem, found in PROBLEMS.items():
-        there = [row for row in rows if row["benchmark"] == f"{problem}, {LAST}"]
-        for arm in arms_in(there, [expert_of(problem), *ARMS]):
-            mine = [row for row in there if row["arm"] == arm]
+        for arm, mine in by_arm(rows.get(f"{problem}, {LAST}", ()), [expert_of(problem), *ARMS]).items():
             told = ARMS[arm].told if arm in ARMS else "expert"
-            mean = fixed(estimate(matched(mine, arm, "return"), mean_estimate))
-            lines.append([found.env, told, *_trained(mine), mean, _completed(mine, arm)])
+            completed = mean_of((row for row in mine if "completed" in row), arm, "completed")
+            lines.append([found.env, told, *_trained(mine), mean_of(mine, arm, "return"), completed])
     heads = ["task", "arm", "trainings", "steps", "demonstrations in the replay, %", "return", "route completed, %"]
     return markdown(heads, lines) if lines else ""
-
-
-def _completed(rows: Sequence[Row], arm: str) -> str:
-    """Share of the route that the last policy drives; "-" where nothing is driven."""
-    driven = [row for row in rows if "completed" in row]
-    return fixed(estimate(matched(driven, arm, "completed"), mean_estimate)) if driven else MISSING
 
 
 def _trained(rows: Sequence[Row]) -> list[str]:
@@ -94,13 +83,12 @@ def _trained(rows: Sequence[Row]) -> list[str]:
 
 def curves(results: Results) -> str:
     """A table per task: mean returns of the evaluations, over the trainings of each arm."""
-    parts = []
+    parts, rows = [], grouped(results.kept, "benchmark")
     for problem, found in PROBLEMS.items():
-        rows = [row for row in results.rows if row["benchmark"] == f"{problem}, {CURVE}" and not is_lost(row)]
-        steps = sorted(named(rows, "seed"))
-        lines = []
-        for arm in arms_in(rows, [*ARMS]):
-            values = [[row["return"] for row in rows if (row["arm"], row["seed"]) == (arm, step)] for step in steps]
+        there = rows.get(f"{problem}, {CURVE}", ())
+        steps, lines = sorted(grouped(there, "seed")), []
+        for arm, mine in by_arm(there, ARMS).items():
+            values = [[row["return"] for row in mine if row["seed"] == step] for step in steps]
             lines.append([ARMS[arm].told, *(f"{sum(one) / len(one):.0f}" if one else MISSING for one in values)])
         if lines:
             parts.append(f"{found.env}\n\n" + markdown(["steps", *(f"{step:,}" for step in steps)], lines))
@@ -109,29 +97,16 @@ def curves(results: Results) -> str:
 
 def judged(results: Results) -> list[Judgement]:
     """Each direction of the thesis: on the last policies' episodes, or on the evaluations of the warm-up."""
-    rows = [row for row in results.rows if not is_lost(row)]
-
-    def values(claim: Claim, arm: str) -> Matched:
-        return matched(_where(rows, claim.where), arm, claim.measure)
-
-    return judge(CLAIMS, values)
+    return judge_rows(CLAIMS, results.kept, at=_at)
 
 
-def claims(results: Results) -> str:
-    """Verdict on each direction of the thesis."""
-    return claims_table(
-        judged(results),
-        {
-            "claim": lambda one: str(one.claim),
-            "on": lambda one: one.claim.where,
-            "measure": lambda one: one.claim.measure,
-        },
-    )
+claims = claims_section(judged, {"claim": claimed, "on": where, "measure": measured})
 
 
-def _where(rows: Sequence[Row], where: str) -> list[Row]:
-    """Rows of a benchmark; of the warm-up, those of the curve's first third."""
-    problem, _, part = where.partition(", ")
+def _at(row: Row, place: str) -> bool:
+    """Whether a row is of a benchmark; of the warm-up, whether it is of the curve's first third."""
+    problem, _, part = place.partition(", ")
+    benchmark: str = row["benchmark"]
     if part != EARLY:
-        return [row for row in rows if row["benchmark"] == where]
-    return [row for row in rows if row["benchmark"] == f"{problem}, {CURVE}" and 0 < row["seed"] <= row["steps"] / 3]
+        return benchmark == place
+    return benchmark == f"{problem}, {CURVE}" and bool(0 < row["seed"] <= row["steps"] / 3)

@@ -42,6 +42,16 @@ class TrainedArm:
     options: str | None = None
 
 
+class Options(Config):
+    """Options of a run.
+
+    Attributes:
+        runs: Folder of the trainings.
+    """
+
+    runs: Path = Path("runs/study")
+
+
 def _guided(percent: int) -> tuple[str, ...]:
     return (*PPO_ALONE, f"ppo.guided_share={percent / 100}")
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from dohyo.agents.hierarchical.study.tables import is_lawful
-from dohyo.agents.studies.rows import Row, is_lost, named
+from dohyo.agents.studies.rows import Row, grouped
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import fixed
 from dohyo.evaluation.report.style import markdown
@@ -32,11 +32,10 @@ def gap_section(results: Results) -> str:
 
     Missions of the two towns are different ones, so that the gap's interval resamples both sides independently.
     """
-    rows = [row for row in results.rows if row["benchmark"] == "nocrash" and row["seed"] == 0 and not is_lost(row)]
-    rows = [row for row in rows if row["training_seed"] in (None, SHIPPED)]
+    rows = [row for row in results.kept if row["benchmark"] == "nocrash" and row["seed"] == 0]
     lines = []
-    for arm in named(rows, "arm"):
-        groups = [[row for row in rows if row["arm"] == arm and _place(row) == place] for place in PLACES.values()]
+    for arm, own in grouped((row for row in rows if row["training_seed"] in (None, SHIPPED)), "arm").items():
+        groups = [[row for row in own if _place(row) == place] for place in PLACES.values()]
         if not all(groups):
             continue
         for head, outcome in OUTCOMES.items():

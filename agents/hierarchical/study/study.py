@@ -13,27 +13,16 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
+from dohyo.agents.hierarchical.study.arms import Options
 from dohyo.agents.hierarchical.study.driving import drive
 from dohyo.agents.hierarchical.study.gap import gap_section
 from dohyo.agents.hierarchical.study.tables import arms_section, judged, rows_of, unseen_section
-from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
+from dohyo.agents.studies.arms import TRAININGS, Arm, Block, Cell, cells_of
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample, places_of, scenario_of
 from dohyo.agents.studies.study import Study
-from dohyo.agents.studies.tables import PAGE
 from dohyo.evaluation.agent import Agent
-from dohyo.sumo_networks.config import Config
-
-
-class Options(Config):
-    """Options of a run.
-
-    Attributes:
-        runs: Folder of the trainings.
-    """
-
-    runs: Path = Path("runs/study")
 
 
 def _ghrl(arm: str, trained: str, isolates: str) -> Arm:
@@ -66,12 +55,12 @@ def cells(options: Options) -> list[Cell]:
     three, two = places_of((PRECRASH, OBSTACLES, NOCRASH)), places_of((PRECRASH, NOCRASH))
     blocks = (
         Block(("rules",), (None,), two),
-        Block(("hrl", "ghrl", "ghrl-r", "ghrl-r-trained"), (0, 1, 2), three),
+        Block(("hrl", "ghrl", "ghrl-r", "ghrl-r-trained"), TRAININGS, three),
         Block(("flat-guided",), (0, 1), three),
         Block(("flat", "ghrl-pictures", "ghrl-r-pictures"), (0,), three),
         Block(("ghrl-s",), (0,), two),
         Block(("ghrl-r",), (0,), places_of(WHOLE)),
-        Block(("ghrl-r",), (0, 1, 2), UNSEEN_TRAFFIC.places()),
+        Block(("ghrl-r",), TRAININGS, UNSEEN_TRAFFIC.places()),
     )
     return cells_of(blocks)
 
@@ -93,8 +82,8 @@ MAIN = ("rules", "hrl", "ghrl", "ghrl-r", "ghrl-s")
 """Arms of the first section, whose claims are corrected together."""
 STUDY = Study(
     summary="GHRL's arms on precrash, obstacles, nocrash and endurance",
-    stored=Path(__file__).parents[1].joinpath("results") / "drives",
-    page=Path(__file__).parents[1].joinpath(PAGE),
+    room=Path(__file__).parents[1],
+    published="drives",
     options=Options,
     cells=cells,
     work=work,

@@ -10,11 +10,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from dohyo.agents.studies.claims import Claim, Judgement, judge
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
 from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate, of_shares
-from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.rows import Row, by_arm, by_place, grouped, is_lost, matched
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, each_training
+from dohyo.agents.studies.tables import claimed, claims_table, each_training
 from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
 from dohyo.evaluation.report.style import MISSING, ending, interval, markdown, number
 
@@ -42,13 +42,13 @@ def rows_of(results: Results, arms: Sequence[str]) -> list[Row]:
 def unseen_section(results: Results) -> str:
     """Success in traffic that was not looked at: the scenarios of another seed."""
     rows = [row for row in results.rows if row["seed"] != 0]
-    arms = named(rows, "arm")
+    arms = [*grouped(rows, "arm")]
     return f"{success_table(rows, arms)}\n\n{failure_table(rows, arms)}" if rows else ""
 
 
 def tables(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """All four tables as Markdown."""
-    there = arms_in(rows, arms)
+    there = [*by_arm(rows, arms)]
     parts = (success_table(rows, there), failure_table(rows, there), rules_table(rows, there), claim_table(rows))
     return "\n\n".join(part for part in parts if part)
 
@@ -60,8 +60,7 @@ def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     thesis's success of long drives, 2500 m without a collision, if routes are so long.
     """
     lines: list[tuple[str, Sequence[Row], str, bool]] = []
-    for benchmark in named(rows, "benchmark"):
-        some = [row for row in rows if row["benchmark"] == benchmark]
+    for benchmark, some in grouped(rows, "benchmark").items():
         groups = dict.fromkeys(map(_group, some))
         lines += [
             (f"{benchmark}: {one}", [row for row in some if _group(row) == one], "success", False) for one in groups
@@ -70,7 +69,7 @@ def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
             lines.append((f"{benchmark}, all", some, "success", True))
         if any("red_light" in row["infractions"] for row in _kept(some)):
             lines.append((f"{benchmark}, all, no red light run either", some, "lawful", True))
-    if len(named(rows, "benchmark")) > 1:
+    if len(grouped(rows, "benchmark")) > 1:
         lines.append(("all", rows, "success", True))
     if long := [row for row in rows if row.get("drove_2500m") is not None]:
         lines.append(("2500 m before any collision", long, "drove_2500m", True))
@@ -84,7 +83,7 @@ def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
 def failure_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per benchmark and arm: how drives failed, red lights run, and successes without a red light run."""
     lines = []
-    for benchmark, arm, some in _by_arm(rows, arms):
+    for benchmark, arm, some in by_place(rows, arms):
         kept = _kept(some)
         told = ", ".join(f"{count} {kind}" for kind, count in failures(some).most_common()) or "none"
         red = sum(row["infractions"].count("red_light") for row in kept)
@@ -98,7 +97,7 @@ def failure_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
 def rules_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per benchmark and arm that RSS monitored; empty without any."""
     lines = []
-    for benchmark, arm, some in _by_arm(rows, arms):
+    for benchmark, arm, some in by_place(rows, arms):
         watched = [row for row in _kept(some) if "critical_share" in row]
         if seconds := math.fsum(row["duration_s"] for row in watched):
             critical = math.fsum(row["critical_share"] * row["duration_s"] for row in watched)
@@ -112,22 +111,20 @@ def rules_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
 
 def judged(rows: Sequence[Row]) -> list[Judgement]:
     """Each claim, over all benchmarks and for each."""
-    benchmarks = named(rows, "benchmark")
+    benchmarks = [*grouped(rows, "benchmark")]
     wheres = ["", *benchmarks] if len(benchmarks) > 1 else benchmarks
-    return judge(
-        [
-            Claim(left, ">", right, "success", where, ablation=26 if (left, right) in PAIRS[:3] else 0)
-            for left, right in PAIRS
-            for where in wheres
-        ],
-        lambda claim, arm: percent([row for row in rows if claim.where in ("", row["benchmark"])], arm, claim.measure),
-    )
+    claims = [
+        Claim(left, ">", right, "success", where, ablation=26 if (left, right) in PAIRS[:3] else 0)
+        for left, right in PAIRS
+        for where in wheres
+    ]
+    return judge_rows(claims, rows, values=percent)
 
 
 def claim_table(rows: Sequence[Row]) -> str:
     """A row per claim; empty without any."""
     before = {
-        "claim: more successes, points": lambda one: str(one.claim),
+        "claim: more successes, points": claimed,
         "benchmark": lambda one: one.claim.where or "all",
         "each training": each_training,
     }
@@ -168,13 +165,6 @@ def _success(rows: Sequence[Row], measure: str, each: bool) -> str:
 
 def _counted(count: int, total: int) -> str:
     return f"{number(100 * count / total)} ({count})" if total else MISSING
-
-
-def _by_arm(rows: Sequence[Row], arms: Sequence[str]) -> Iterable[tuple[str, str, list[Row]]]:
-    for benchmark in named(rows, "benchmark"):
-        for arm in arms:
-            if some := [row for row in rows if (row["benchmark"], row["arm"]) == (benchmark, arm)]:
-                yield benchmark, arm, some
 
 
 def _group(row: Row) -> str:

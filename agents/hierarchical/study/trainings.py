@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from dohyo.agents.hierarchical.study import arms
 from dohyo.agents.hierarchical.study.arms import ARMS, FLAT, MASTER, POLICIES, SUB_POLICIES, config_of, trainer_of
 from dohyo.agents.learning.runs.trainer import train_to_the_end
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
@@ -21,7 +22,6 @@ from dohyo.agents.studies.curves import draw
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study
-from dohyo.agents.studies.tables import PAGE
 from dohyo.agents.studies.training_results import (
     BENCHMARK,
     find_trainings,
@@ -37,15 +37,13 @@ SHOWN, DRAWN = ("ghrl", "ghrl-r", "hrl", "flat", "flat-guided", "ghrl-pictures")
 """Arms of the table, and of the picture."""
 
 
-class Options(Config):
-    """Options of a run.
+class Options(arms.Options):
+    """Options of a run of trainings.
 
     Attributes:
-        runs: Folder of all trainings.
         settings: Settings of all trainings on top of their arms', as "key=value".
     """
 
-    runs: Path = Path("runs/study")
     settings: tuple[str, ...] = ()
 
 
@@ -107,8 +105,8 @@ def figures(results: Results, out: Path) -> Sequence[Path]:
 
 STUDY = Study(
     summary="GHRL's trainings, and their curves",
-    stored=Path(__file__).parents[1].joinpath("results") / "training",
-    page=Path(__file__).parents[1].joinpath(PAGE),
+    room=Path(__file__).parents[1],
+    published="training",
     options=Options,
     cells=cells,
     work=work,

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
+from dohyo.agents.mcts.study.arms import PLANNERS
 from dohyo.agents.mcts.study.losses import CAUSES
 from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES
 from dohyo.agents.studies.arms import Arm
-from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
-from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows, of_ablation
+from dohyo.agents.studies.rows import Row, by_arm
 from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.agents.studies.tables import claimed, claims_table, counted, fixed, rounded
 from dohyo.evaluation.report.style import markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 
@@ -77,8 +78,6 @@ ROUTE_CLAIMS: Final = (
     _higher("mbappe", "pdm-closed", "driving_score"),
 )
 """Claims on whole routes."""
-PLANNERS: Final = ("autopilot", "mbappe", "pdm-closed")
-"""Planners whose lost points are listed by cause."""
 
 
 def section(sample: Sample, arms: Mapping[str, Arm]) -> Callable[[Results], str]:
@@ -87,7 +86,7 @@ def section(sample: Sample, arms: Mapping[str, Arm]) -> Callable[[Results], str]
     def written(results: Results) -> str:
         rows = [
             row
-            for row in results.rows
+            for row in results.kept
             if row["benchmark"] == sample.benchmark
             and row["scenario"].startswith(sample.cells or "")
             and row["arm"] in arms
@@ -114,8 +113,8 @@ def tables(sample: Sample, rows: Sequence[Row], arms: Mapping[str, Arm]) -> str:
 def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[str, str], reported: bool) -> str:
     """A row per arm, with the thesis's score if it is of this benchmark."""
     lines = []
-    for name in arms_in(rows, [*arms]):
-        found = [_estimate(rows, name, measure) for measure in columns]
+    for name, own in by_arm(rows, arms).items():
+        found = [_estimate(own, measure) for measure in columns]
         thesis = arms[name].reported
         theirs = ["" if thesis is None else f"{thesis}"] if reported else []
         lines.append([name, *map(fixed, found), *theirs, str(found[0].n)])
@@ -124,25 +123,19 @@ def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[st
 
 def judged(results: Results) -> list[Judgement]:
     """The claims on excerpts of recorded traffic."""
-    rows = [row for row in results.rows if row["benchmark"] == "val14"]
-    return judge(CLAIMS, lambda claim, arm: matched(rows, arm, claim.measure))
+    return judge_rows(CLAIMS, [row for row in results.rows if row["benchmark"] == "val14"])
 
 
 def claim_table(rows: Sequence[Row], columns: Mapping[str, str], claims: Sequence[Claim]) -> str:
     """A row per claim whose arms drove the same scenarios."""
-    found = judge(claims, lambda claim, arm: matched(rows, arm, claim.measure))
-    before = {
-        "claim": lambda one: str(one.claim),
-        "metric": lambda one: columns[one.claim.measure],
-        "n": lambda one: str(one.difference.n),
-    }
-    return claims_table(found, before, lambda one: fixed(one.difference))
+    before = {"claim": claimed, "metric": lambda one: columns[one.claim.measure], "n": counted}
+    return claims_table(judge_rows(claims, rows), before, rounded)
 
 
 def causes_table(rows: Sequence[Row]) -> str:
     """Points that the planners lost, by cause; empty for whole routes."""
-    driven = {arm: [row["points"] for row in rows if row["arm"] == arm and "points" in row] for arm in PLANNERS}
-    driven = {arm: points for arm, points in driven.items() if points}
+    scored = by_arm((row for row in rows if "points" in row), PLANNERS)
+    driven = {arm: [row["points"] for row in own] for arm, own in scored.items()}
     lines = []
     for cause, told in CAUSES.items():
         lost = {arm: [each[cause] for each in points if each[cause] > 0.0] for arm, points in driven.items()}
@@ -152,8 +145,8 @@ def causes_table(rows: Sequence[Row]) -> str:
     return markdown(["points lost (in drives)", *driven], lines) if lines else ""
 
 
-def _estimate(rows: Sequence[Row], arm: str, measure: str) -> Estimate:
-    values = [row[measure] for row in rows if row["arm"] == arm and not is_lost(row)]
+def _estimate(rows: Sequence[Row], measure: str) -> Estimate:
+    values = [row[measure] for row in rows]
     return share_estimate([value > 0.0 for value in values]) if measure in SHARES else mean_estimate(values)
 
 

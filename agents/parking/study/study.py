@@ -9,9 +9,8 @@ A training is RUNS/ARM/seed-N, as `dohyo train parking` makes it. Its best polic
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -21,31 +20,22 @@ from dohyo.agents.parking.study import tables
 from dohyo.agents.parking.study.arms import ARMS, EXPERT
 from dohyo.agents.parking.study.judging import judged
 from dohyo.agents.parking.training.dppo_il import PARKING
-from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.arms import TRAININGS, Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Study
-from dohyo.agents.studies.tables import PAGE
-from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import SimulationError
+from dohyo.agents.studies.trained import TrainedOptions, columns, result_of
 
-TRAININGS: Final = (0, 1, 2)
 BLOCKS: Final = 20
 """Rows of each training and benchmark: 2,000 lots."""
 THRESHOLD: Final = 90.0
 """Success on a training's held-out lots, %, whose steps are compared; fixed before the trainings."""
 
 
-class Options(Config):
-    """Options of a run.
-
-    Attributes:
-        runs: Folder of all trainings.
-        train: Whether trainings begin or resume; False: they are judged as they are.
-    """
+class Options(TrainedOptions):
+    """Options of a run, see `TrainedOptions`."""
 
     runs: Path = Path("out/parking")
-    train: bool = True
 
 
 def cells(options: Options) -> list[Cell]:
@@ -69,38 +59,29 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     arm, seed = job[0].arm, job[0].training_seed
     policy, trained = None, Row()
     if seed is not None:
-        folder = options.runs / arm / f"seed-{seed}"
-        if options.train:
-            train_to_the_end(PARKING, "parking", ARMS[arm].config(seed), folder)
-        if not (folder / "best.onnx").exists():
-            raise SimulationError(f"no policy in '{folder}' so far")
-        policy, trained = OnnxPolicy(folder / "best.onnx").of_batch, training_facts(folder)
+        train = partial(train_to_the_end, PARKING, "parking", ARMS[arm].config(seed))
+        path = options.trained(f"{arm}/seed-{seed}", train)
+        policy, trained = OnnxPolicy(path).of_batch, training_facts(path.parent)
     for cell in job:
         yield {**cell._asdict(), **trained, **judged(policy, cell.benchmark, int(cell.seed or 0))}
 
 
 def training_facts(folder: Path) -> Row:
     """Steps of a training, whether it is finished, and steps to the threshold; None: it is not reached so far."""
-    with (folder / "evaluations.csv").open(newline="") as file:
-        curve = [(int(row["steps"]), float(row["success"])) for row in csv.DictReader(file)]
-    reached = next((steps for steps, success in curve if success >= THRESHOLD), None)
-    finished = json.loads((folder / "result.json").read_text())["finished"]
-    return {"steps": curve[-1][0], "finished": finished, "threshold_steps": reached}
-
-
-def _together(cell: Cell) -> tuple[str, int | None, str]:
-    return cell.arm, cell.training_seed, cell.benchmark
+    curve = columns(folder / "evaluations.csv")
+    reached = curve["steps"][curve["success"] >= THRESHOLD]
+    threshold = int(reached[0]) if len(reached) else None
+    return {"steps": int(curve["steps"][-1]), **result_of(folder, "finished"), "threshold_steps": threshold}
 
 
 STUDY = Study(
     summary="parking: PPO, SAC, MA-POCA and the parts of DPPO-IL",
-    stored=Path(__file__).parents[1] / "results",
-    page=Path(__file__).parents[1] / PAGE,
+    room=Path(__file__).parents[1],
     options=Options,
     cells=cells,
     work=work,
     tables={"arms": tables.arms_table, "claims": tables.claims},
-    together=_together,
+    together=lambda cell: (cell.arm, cell.training_seed, cell.benchmark),
     fresh=True,
     judged=tables.judged,
 )

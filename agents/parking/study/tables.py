@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from dohyo.agents.parking.study.arms import ARMS, REACHED
 from dohyo.agents.parking.study.judging import LOTS
-from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
-from dohyo.agents.studies.crossed_bootstrap import Matched, estimate
-from dohyo.agents.studies.rows import Row, arms_in, is_lost, matched, named
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows, of_ablation
+from dohyo.agents.studies.rows import Row, by_arm, grouped
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.agents.studies.tables import claimed, claims_section, mean_of, measured
 from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 
@@ -55,12 +54,10 @@ CLAIMS: Final = (
 
 def arms_table(results: Results) -> str:
     """A row per arm and benchmark."""
-    rows = [row for row in results.rows if not is_lost(row)]
     lines = []
-    for arm in arms_in(rows, [*ARMS]):
-        for benchmark in named([row for row in rows if row["arm"] == arm], "benchmark"):
-            some = [row for row in rows if (row["arm"], row["benchmark"]) == (arm, benchmark)]
-            means = [_mean(some, arm, measure) for measure in SHOWN]
+    for arm, own in by_arm(results.kept, ARMS).items():
+        for benchmark, some in grouped(own, "benchmark").items():
+            means = [mean_of(some, arm, measure, alone=of_blocks) for measure in SHOWN]
             reported = ARMS[arm].reported
             said = MISSING if reported is None or benchmark != ARMS[arm].benchmarks[0] else f"{reported:g}"
             lines.append([arm, benchmark, *_trained(some), *means, said])
@@ -70,24 +67,10 @@ def arms_table(results: Results) -> str:
 
 def judged(results: Results) -> list[Judgement]:
     """Each direction of the thesis, on the lots that both arms drove."""
-    rows = [row for row in results.rows if not is_lost(row)]
-
-    def values(claim: Claim, arm: str) -> Matched:
-        return _values([row for row in rows if row["benchmark"] == claim.where], arm, claim.measure)
-
-    return judge(CLAIMS, values)
+    return judge_rows(CLAIMS, results.rows)
 
 
-def claims(results: Results) -> str:
-    """Verdict on each direction."""
-    before = {"claim": lambda one: str(one.claim), "measure": lambda one: one.claim.measure}
-    return claims_table(judged(results), before)
-
-
-def _mean(rows: Sequence[Row], arm: str, measure: str) -> str:
-    """Mean with its interval over lots and trainings; "-" without values."""
-    values = _values(rows, arm, measure)
-    return fixed(estimate(values, of_blocks)) if values else MISSING
+claims = claims_section(judged, {"claim": claimed, "measure": measured})
 
 
 def of_blocks(values: Sequence[float]) -> Estimate:
@@ -95,11 +78,6 @@ def of_blocks(values: Sequence[float]) -> Estimate:
     if set(values) in ({0.0}, {100.0}):
         return share_estimate([value == 100.0 for value in values for _ in range(LOTS)])
     return mean_estimate(values)
-
-
-def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
-    """Values of an arm, without rows that have none, such as the time of a block in which nobody parked."""
-    return matched((row for row in rows if row[measure] is not None), arm, measure)
 
 
 def _trained(rows: Sequence[Row]) -> list[str]:

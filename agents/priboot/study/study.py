@@ -11,56 +11,41 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from dohyo.agents.learning.files.card import read_cards
 from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.priboot.study import tables
 from dohyo.agents.priboot.study.arms import ARMS, config
 from dohyo.agents.priboot.study.measures import measures
-from dohyo.agents.priboot.study.tables import (
-    LOSSES,
-    STARTS,
-    arms_table,
-    claims,
-    infractions_table,
-    judged,
-    lengths_table,
-)
-from dohyo.agents.priboot.training.train import PRIBOOT
+from dohyo.agents.priboot.training.train import PRIBOOT, TrainConfig
 from dohyo.agents.registry import resolve_with
-from dohyo.agents.studies.arms import Block, Cell, cells_of
+from dohyo.agents.studies.arms import TRAININGS, Block, Cell, cells_of
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.samples import Sample, scenario_of
+from dohyo.agents.studies.samples import Sample, places_of, scenario_of
 from dohyo.agents.studies.study import Study
-from dohyo.agents.studies.tables import PAGE
+from dohyo.agents.studies.trained import TrainedOptions
 from dohyo.evaluation.agent import make_agent
-from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import SimulationError
 
-SEEDS: Final = (0, 1, 2)
+POLICY: Final = "priboot.onnx"
 SAMPLES: Final = (Sample("nocrash", ("town-test.regular.test",)), Sample("leaderboard", ("adlershof",)))
 
 
-class Options(Config):
-    """Options of a run.
-
-    Attributes:
-        runs: Folder of all trainings.
-        train: Whether trainings begin or resume; False: they are driven as they are.
-    """
+class Options(TrainedOptions):
+    """Options of a run, see `TrainedOptions`."""
 
     runs: Path = Path("out/priboot")
-    train: bool = True
 
 
 def cells(options: Options) -> list[Cell]:
     """Every arm on both networks; the autopilot has no training."""
-    places = [place for sample in SAMPLES for place in sample.places()]
-    return cells_of(Block((name,), SEEDS if arm.training else (None,), places) for name, arm in ARMS.items())
+    places = places_of(SAMPLES)
+    return cells_of(Block((name,), TRAININGS if arm.training else (None,), places) for name, arm in ARMS.items())
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
@@ -73,34 +58,24 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     arm, seed = ARMS[job[0].arm], job[0].training_seed
     name, settings, trained = "autopilot", {}, Row()
     if seed is not None:
-        folder = options.runs / arm.training / f"seed-{seed}"
-        if options.train and not (folder / "priboot.onnx").exists():
-            PRIBOOT.train(
-                config(arm.training, seed),
-                TrainRequest("priboot", folder, (folder / "config.toml").exists(), no_report),
-            )
-        if not (folder / "priboot.onnx").exists():
-            raise SimulationError(f"no policy in '{folder}' so far")
-        name, settings = "priboot", {"rules": arm.rules, "policy": str(folder / "priboot.onnx")}
-        trained = losses_of(folder)
-    yield {**trained, **drive(job[0], name, settings)}
+        train = partial(train_to_the_end, config(arm.training, seed))
+        policy = options.trained(f"{arm.training}/seed-{seed}", train, POLICY)
+        name, settings, trained = "priboot", {"rules": arm.rules, "policy": str(policy)}, losses_of(policy.parent)
+    record, _ = driven(scenario_of(job[0]), make_agent(*resolve_with(name, settings)))
+    yield {**trained, **measures(record.egos[0])}
 
 
-def drive(cell: Cell, name: str, settings: dict[str, object]) -> Row:
-    """Drives one scenario with an agent of its own.
-
-    Raises:
-        SimulationError: The simulation failed.
-    """
-    record, _ = driven(scenario_of(cell), make_agent(*resolve_with(name, settings)))
-    return measures(record.egos[0])
+def train_to_the_end(settings: TrainConfig, folder: Path) -> None:
+    """Begins or resumes a training, unless its network is there."""
+    if not (folder / POLICY).exists():
+        PRIBOOT.train(settings, TrainRequest("priboot", folder, (folder / "config.toml").exists(), no_report))
 
 
 def losses_of(folder: Path) -> Row:
     """Measures of a training on held-out drives, and its number of moments, from its card."""
     metrics = read_cards(folder)["priboot"].metrics
     assert not isinstance(metrics, str)
-    return {name: metrics[name] for name in (*LOSSES, *STARTS, "moments") if name in metrics}
+    return {name: metrics[name] for name in (*tables.LOSSES, *tables.STARTS, "moments") if name in metrics}
 
 
 def _sizes(options: Options) -> dict[str, object]:
@@ -111,12 +86,16 @@ def _sizes(options: Options) -> dict[str, object]:
 
 STUDY = Study(
     summary="PRIBOOT: augmentation, colours against masks, rules, amounts of data, and the infraction rate score",
-    stored=Path(__file__).parents[1] / "results",
-    page=Path(__file__).parents[1] / PAGE,
+    room=Path(__file__).parents[1],
     options=Options,
     cells=cells,
     work=work,
-    tables={"arms": arms_table, "claims": claims, "infractions": infractions_table, "lengths": lengths_table},
+    tables={
+        "arms": tables.arms_table,
+        "claims": tables.claims,
+        "infractions": tables.infractions_table,
+        "lengths": tables.lengths_table,
+    },
     facts=_sizes,
-    judged=judged,
+    judged=tables.judged,
 )

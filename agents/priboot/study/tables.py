@@ -10,14 +10,12 @@ from typing import Final
 import numpy as np
 
 from dohyo.agents.priboot.study.arms import ARMS
-from dohyo.agents.studies.claims import Claim, Judgement, judge
-from dohyo.agents.studies.crossed_bootstrap import estimate
-from dohyo.agents.studies.rows import Row, arms_in, infractions_per_km, is_lost, matched, named
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.rows import Row, by_place, infractions_per_km
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, fixed
+from dohyo.agents.studies.tables import claimed, claims_section, counted, mean_of, rounded, where
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
-from dohyo.evaluation.statistics import mean_estimate
 
 MEASURES: Final[Mapping[str, str]] = {
     "driving_score": "DS, %",
@@ -32,8 +30,8 @@ STARTS: Final[Mapping[str, str]] = {"starts": "starts, %", "false_starts": "fals
 """Shares of the standing moments of held-out drives at which the network starts, of those where the expert does and of
 the others."""
 CLAIMS: Final = tuple(
-    Claim("full", ">", arm, measure, where, ablation=19)
-    for where in ("nocrash", "leaderboard")
+    Claim("full", ">", arm, measure, network, ablation=19)
+    for network in ("nocrash", "leaderboard")
     for arm, measure in (
         ("no-augmentation", "route_completion"),
         ("no-augmentation", "driving_score"),
@@ -52,71 +50,47 @@ ROUTES, SEED, LAMBDA = 400, 0, 4.0
 def arms_table(results: Results) -> str:
     """A row per arm and network."""
     lines = []
-    rows = [row for row in results.rows if not is_lost(row)]
-    for where in named(rows, "benchmark"):
-        there = [row for row in rows if row["benchmark"] == where]
-        for arm in arms_in(there, [*ARMS]):
-            own = [row for row in there if row["arm"] == arm]
-            scores = [
-                fixed(estimate(matched(own, arm, name), mean_estimate), 2 if name == "infraction_penalty" else 1)
-                for name in MEASURES
-            ]
-            thesis = ARMS[arm].reported
-            told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
-            lines.append([where, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
+    for network, arm, own in by_place(results.kept, ARMS):
+        scores = [mean_of(own, arm, name, 2 if name == "infraction_penalty" else 1) for name in MEASURES]
+        thesis = ARMS[arm].reported
+        told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
+        lines.append([network, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
     heads = ["benchmark", "arm", "difference", *MEASURES.values(), *LOSSES.values(), *STARTS.values(), "drives"]
     return markdown([*heads, "thesis: DS / IRS / RC"], lines) if lines else ""
 
 
 def judged(results: Results) -> list[Judgement]:
     """What the thesis claims of its arms, judged on the scenarios that both drove."""
-    rows = [row for row in results.rows if not is_lost(row)]
-
-    def values(claim: Claim, arm: str) -> dict[tuple[object, ...], Mapping[int | None, float]]:
-        return dict(matched([row for row in rows if row["benchmark"] == claim.where], arm, claim.measure))
-
-    return judge(CLAIMS, values)
+    return judge_rows(CLAIMS, results.rows)
 
 
-def claims(results: Results) -> str:
-    """Verdict on each claim of the thesis."""
-    before = {
-        "claim": lambda one: str(one.claim),
-        "benchmark": lambda one: one.claim.where,
-        "measure": lambda one: MEASURES[one.claim.measure],
-        "n": lambda one: str(one.difference.n),
-    }
-    return claims_table(judged(results), before, lambda one: fixed(one.difference))
+def _head(one: Judgement) -> str:
+    return MEASURES[one.claim.measure]
+
+
+claims = claims_section(judged, {"claim": claimed, "benchmark": where, "measure": _head, "n": counted}, rounded)
 
 
 def infractions_table(results: Results) -> str:
     """Infractions per km driven, and the mean speed, pooled over the drives of an arm."""
-    lines, kinds = [], [kind.value for kind in InfractionKind]
-    rows = [row for row in results.rows if not is_lost(row)]
-    seen = [kind for kind in kinds if any(kind in row["infractions"] for row in rows)]
-    for where in named(rows, "benchmark"):
-        there = [row for row in rows if row["benchmark"] == where]
-        for arm in arms_in(there, [*ARMS]):
-            own = [row for row in there if row["arm"] == arm]
-            km, rates = infractions_per_km(own)
-            endings = Counter(row["status"] for row in own)
-            told = ", ".join(f"{count} {status.removeprefix('failed: ')}" for status, count in endings.most_common())
-            speed = 1000.0 * km / max(math.fsum(row["duration_s"] for row in own), 0.1)
-            lines.append([where, arm, f"{km:.1f}", f"{speed:.1f}", *(f"{rates[kind]:.2f}" for kind in seen), told])
+    lines, rows = [], results.kept
+    seen = [kind.value for kind in InfractionKind if any(kind.value in row["infractions"] for row in rows)]
+    for network, arm, own in by_place(rows, ARMS):
+        km, rates = infractions_per_km(own)
+        endings = Counter(row["status"] for row in own)
+        told = ", ".join(f"{count} {status.removeprefix('failed: ')}" for status, count in endings.most_common())
+        speed = 1000.0 * km / max(math.fsum(row["duration_s"] for row in own), 0.1)
+        lines.append([network, arm, f"{km:.1f}", f"{speed:.1f}", *(f"{rates[kind]:.2f}" for kind in seen), told])
     return markdown(["benchmark", "arm", "km", "mean speed, m/s", *seen, "endings"], lines) if lines else ""
 
 
 def lengths_table(results: Results) -> str:
     """Scores of routes that are drives of one arm joined end to end: the same driving, more of it."""
-    rows = [row for row in results.rows if not is_lost(row)]
     lines = []
-    for where in named(rows, "benchmark"):
-        there = [row for row in rows if row["benchmark"] == where]
-        for arm in arms_in(there, [*ARMS]):
-            own = [row for row in there if row["arm"] == arm]
-            scores = {count: joined(own, count) for count in JOINED}
-            for which, (head, digits) in enumerate(SCORES):
-                lines.append([where, arm, head, *(f"{scores[count][which]:.{digits}f}" for count in JOINED)])
+    for network, arm, own in by_place(results.kept, ARMS):
+        scores = {count: joined(own, count) for count in JOINED}
+        for which, (head, digits) in enumerate(SCORES):
+            lines.append([network, arm, head, *(f"{scores[count][which]:.{digits}f}" for count in JOINED)])
     return markdown(["benchmark", "arm", "score", *(f"x {count}" for count in JOINED)], lines) if lines else ""
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dohyo.agents.studies.claims import LEVEL, Claim, holm, judge, verdict
+from dohyo.agents.studies.arms import Cell
+from dohyo.agents.studies.claims import LEVEL, Claim, holm, judge, judge_rows, verdict
 from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, of_pairs, p_value
+from dohyo.agents.studies.rows import Row
 
 
 def pairs(*differences: float) -> Matched:
@@ -66,6 +68,25 @@ def test_only_common_scenarios_and_trainings_count_and_claims_without_any_are_le
     (only,) = judge(claims, arms(left=left, right=right))
     assert only.difference.mean == pytest.approx(3.5)
     assert only.trainings == {0: 3.0, 1: 4.0}
+
+
+def test_a_claim_is_judged_by_the_rows_of_its_place_that_have_a_value():
+    def row(arm: str, benchmark: str, number: int, score: float | None) -> Row:
+        return {**Cell(arm, None, benchmark, f"m{number}", 0)._asdict(), "score": score}
+
+    rows = [row(arm, "town", number, base + number) for arm, base in (("a", 5.0), ("b", 3.0)) for number in range(9)]
+    rows += [row(arm, "city", 0, base) for arm, base in (("a", 0.0), ("b", 20.0))]
+    rows += [row("a", "town", 9, None), row("b", "town", 9, 99.0), {**row("a", "town", 10, None), "lost": "died"}]
+    claims = [Claim("a", ">", "b", "score", where) for where in ("town", "city", "")]
+    town, city, every = judge_rows(claims, rows)
+    assert [(one.difference.mean, one.difference.n) for one in (town, city, every)] == [
+        (2.0, 9),
+        (-20.0, 1),
+        (-0.2, 10),
+    ]
+    (south,) = judge_rows([Claim("a", ">", "b", "score", "m0")], rows, at=lambda row, where: row["scenario"] == where)
+    assert south.difference.n == 2
+    assert town.verdict == "reproduced"
 
 
 @pytest.mark.parametrize(

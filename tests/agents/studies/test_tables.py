@@ -109,6 +109,13 @@ def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
         main(["ghrl", "run", "--arms", "rules", "--only", "precrash", "--out", str(tmp_path)])
 
 
+def test_an_option_that_is_newer_than_the_rows_refuses_none_of_them(tmp_path: Path) -> None:
+    (tmp_path / "facts.json").write_text('{"options": {}}')
+    study = replace(study_named("ghrl"), work=one_row)
+    study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
+    assert read_results(tmp_path).facts["options"] == {"runs": "runs/study"}
+
+
 def test_facts_hold_the_options_and_the_commit_of_every_session(tmp_path: Path) -> None:
     study = replace(study_named("ghrl"), work=one_row, prepare=lambda options, cells, workers: None)
     for count in (1, 2):

@@ -11,7 +11,9 @@ from dohyo.agents.forecasting.data.reading import read_data
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.registry import SIMPLE, load_forecaster, make_forecaster
 from dohyo.agents.forecasting.study import study, tables
-from dohyo.agents.forecasting.study.lab import SHIPPED, Lab, Variant, start_from
+from dohyo.agents.forecasting.study.arms import Variant
+from dohyo.agents.forecasting.study.lab import SHIPPED, Lab, start_from
+from dohyo.agents.studies.arms import TRAININGS
 from dohyo.agents.studies.rows import cell_of, read_rows
 from tests.agents.forecasting.roads import write_folder
 
@@ -73,5 +75,5 @@ def test_a_run_has_a_row_per_arm_seed_and_day(tmp_path: Path) -> None:
 def test_the_stored_rows_are_of_every_arm_and_seed() -> None:
     stored = {cell_of(row)[:2] for row in read_rows(study.STUDY.stored)}
     wanted = {(arm, None) for arm in SIMPLE}
-    wanted |= {(arm, seed) for arm in study.ARMS if arm not in SIMPLE for seed in study.SEEDS}
+    wanted |= {(arm, seed) for arm in study.ARMS if arm not in SIMPLE for seed in TRAININGS}
     assert stored == wanted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dohyo.agents.gri.study import arms, study, tables
+from dohyo.agents.gri.study import arms, experts, study, tables
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS, GriArm, Problem, expert_config
 from dohyo.agents.gri.study.judging import JUDGED
 from dohyo.agents.gri.study.study import Options, cells, evaluated_at
@@ -43,7 +43,7 @@ def test_encoders_are_compared_by_arms_that_see_differently_and_share_all_else()
     configs = [ARMS[name].config(0, Path("shown")) for name in names]
     assert [config.env for config in configs] == ["driving-affordances", "driving-classification", "driving-untrained"]
     assert configs[0].model_copy(update={"env": ""}) == configs[2].model_copy(update={"env": ""})
-    assert len({study.shown_in(Path(), ARMS[name]) for name in names}) == 3, "demonstrations hold encodings"
+    assert len({experts.shown_in(Path(), ARMS[name]) for name in names}) == 3, "demonstrations hold encodings"
     claims = [claim for claim in tables.CLAIMS if claim.ablation == 5]
     assert [(claim.left, claim.right) for claim in claims] == [(names[0], other) for other in names[1:]]
 
@@ -64,7 +64,7 @@ def test_a_run_trains_the_expert_records_it_and_gives_every_cell_a_row(tmp_path,
     steps = ("steps=40", "evaluate_every=20", "checkpoint_every=40", "episodes=1")
     point = Problem("tests.agents.learning.problems:Point-v0", steps, sizes, steps, shown=2)
     tiny = {"point-sac-p50": GriArm("point", "sac", ("p_demo=0.5",), "GRI-SAC, half")}
-    for module in (arms, study, tables):
+    for module in (arms, experts, study, tables):
         monkeypatch.setattr(module, "PROBLEMS", {"point": point})
         monkeypatch.setattr(module, "ARMS", tiny)
     monkeypatch.setattr(study, "JUDGED", range(JUDGED.start, JUDGED.start + 2))

@@ -7,7 +7,7 @@ import torch
 
 from dohyo.agents.hierarchical.environments.manoeuvre_env import ManoeuvreEnv
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
-from dohyo.agents.hierarchical.study import evaluate_policies
+from dohyo.agents.hierarchical.study import evaluate_policies, held_out_tables
 from dohyo.agents.hierarchical.training.tasks import ManoeuvreTask
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import cell_of, read_rows
@@ -49,7 +49,7 @@ def test_each_training_drives_each_exercise_once_and_a_second_call_the_missing_o
         *(("hrl", seed, number) for seed in (0, 1) for number in (0, 1, 2)),
         *(("p-20", seed, number) for seed in (0, 1) for number in (0, 1)),
     ]
-    text = evaluate_policies.tables(Results(rows, {}))
+    text = held_out_tables.tables(Results(rows, {}))
     assert "| lane | hrl | 0, 1 | " in text
     assert "| lane | p-20 > hrl | return | +0, +0 | 0" in text  # the same network drove the same exercises
 
@@ -83,7 +83,7 @@ def test_tables_hold_arms_against_each_other_on_what_both_drove():
         for seed in (0, 1, 2)
         for n in range(4)
     ]
-    means, claims = evaluate_policies.tables(Results(rows, {})).split("\n\n")
+    means, claims = held_out_tables.tables(Results(rows, {})).split("\n\n")
     assert means.splitlines()[2].startswith("| lights | hrl | 0, 1, 2 | 11.5 [")
     assert "| lights | p-20 > hrl | return | +10, +10, +10 | 10.0 [10.0, 10.0] n=12 | 0.001 | reproduced |" in claims
     assert "| lights | p-20 < hrl | infractions, % | +0, +0, +0 | 0 [0, 0] n=12 | 1.00 | not resolved |" in claims

@@ -1,0 +1,58 @@
+"""Arms of the forecasters' study: rows 10 to 12 of the thesis's comparisons, and baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
+
+from dohyo.agents.forecasting.quantiles import Quantiles
+from dohyo.agents.forecasting.registry import OWN, SIMPLE
+
+COMPARED = ("lstm", "sa-lstm", "transformer", "convlstm", "sa-convlstm")
+DEPTH, DEPTHS = 3, (0, 1, 2, 3, 4)
+BALANCED = 0.001
+"""Weight of the Laplacian loss that makes it as large as the squared error."""
+LONG = 10
+"""Factor of the steps in the long runs, which show whether the Laplacian loss needs longer training."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A forecaster with the loss and length of its training.
+
+    Attributes:
+        name: Of the forecaster.
+        depth: Of the Laplacian loss; None: squared error alone.
+        weight: Of that loss.
+        length: Factor of the study's steps.
+    """
+
+    name: str
+    depth: int | None = None
+    weight: float = 1.0
+    length: int = 1
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm."""
+        if self.name in (*SIMPLE, *OWN):
+            return self.name
+        loss = "mse" if self.depth is None else f"lap{self.depth}"
+        balanced, long = "-balanced" * (self.weight != 1.0), "-long" * (self.length > 1)
+        return f"{self.name}-{loss}{balanced}{long}"
+
+
+def _variants() -> Iterator[Variant]:
+    """All arms: simple ones, ways to look ahead, other networks with both losses, depths, and long runs."""
+    yield from (Variant(name) for name in SIMPLE)
+    for name in ("sa-lstm", "sa-lstm-n-step", "sa-lstm-all-at-once", Quantiles.name):
+        yield Variant(name, DEPTH, BALANCED)
+    yield from (Variant(name, depth) for name, depth in product(("tsmixer", *COMPARED), (None, DEPTH)))
+    yield from (Variant("sa-lstm", depth) for depth in DEPTHS if depth != DEPTH)
+    yield from (Variant(name, DEPTH) for name in ("sa-lstm-all-at-once", "sa-lstm-n-step"))
+    yield from (Variant("sa-lstm", depth, length=LONG) for depth in (None, DEPTH))
+
+
+ARMS: Mapping[str, Variant] = MappingProxyType({one.arm: one for one in _variants()})

@@ -1,0 +1,76 @@
+"""Arms of MBAPPE's study: rows 6 to 9 of the thesis's comparisons and baselines, and what they drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final
+
+from dohyo.agents.studies.arms import Arm
+from dohyo.agents.studies.samples import Sample
+
+
+def _mbappe(reported: float | None = None, **settings: Any) -> Arm:
+    return Arm("mbappe", MappingProxyType(settings), reported=reported)
+
+
+THESIS: Mapping[str, Any] = MappingProxyType(
+    {
+        "crafted": "limit", "steering": "wheel", "simulator": "thesis", "walks": "node", "first_play": "zero",
+        "choice": "visits", "early_stop": True, "reuse": False, "emergency": False, "caution": False, "passing": False,
+    }
+)  # fmt: skip
+"""The thesis's planner whole, see CHOICES.md: its grid, priors, reward and search, and none of our additions."""
+ARMS: Mapping[str, Arm] = MappingProxyType(
+    {
+        "autopilot": Arm("autopilot"),
+        "mbappe": _mbappe(86),
+        "prior-none": _mbappe(26, prior="none"),
+        "prior-learned": _mbappe(65, prior="learned"),
+        "prior-crafted": _mbappe(82, prior="crafted"),
+        "constraints-none": _mbappe(79, constraints="none"),
+        "constraints-tree": _mbappe(82, constraints="tree"),
+        "constraints-node": _mbappe(82, constraints="node"),
+        "predictor-constant_velocity": _mbappe(predictor="constant_velocity"),
+        "predictor-idm": _mbappe(predictor="idm"),
+        "alone-constant_velocity": Arm("predictor-only", MappingProxyType({"predictor": "constant_velocity"})),
+        "alone-idm": Arm("predictor-only", MappingProxyType({"predictor": "idm"})),
+        "alone-learned": Arm("predictor-only", MappingProxyType({"predictor": "learned"}), reported=47),
+        "hold-0.1s": _mbappe(hold_s=0.1),
+        "thesis-crafted": _mbappe(crafted="limit", first_play="zero", choice="visits", reuse=False, passing=False),
+        "thesis-wheel": _mbappe(steering="wheel", passing=False),
+        "thesis": _mbappe(86, **THESIS),
+        "thesis-prior-none": _mbappe(26, prior="none", **THESIS),
+        "thesis-prior-learned": _mbappe(65, prior="learned", **THESIS),
+        "thesis-prior-crafted": _mbappe(82, prior="crafted", **THESIS),
+        "learned-everywhere": _mbappe(learned_prior_s=8.0),
+        "no-reuse": _mbappe(reuse=False),
+        "choice-q": _mbappe(choice="q"),
+        "choice-visits": _mbappe(choice="visits"),
+        "value-network": _mbappe(value="network"),
+        "random-shooting": Arm("random-shooting"),
+        "idm": Arm("idm", reported=76),
+        "pdm-closed": Arm("pdm-closed"),
+        "pdm-published": Arm("pdm-closed", MappingProxyType({"variant": "published"}), reported=92),
+    }
+)
+"""The base is `mbappe`: both priors, both constraints, the learned predictor, 1 s hold. Reported: the thesis's score on
+nuPlan's Val14, %."""
+PLANNERS: Final = ("autopilot", "mbappe", "pdm-closed")
+"""Planners that drive whole routes, and whose lost points are listed by cause."""
+PER_TYPE = 1
+"""Excerpts of each of the 14 types on `val14`. More are the same ones and others, so that a larger number drives only
+the others."""
+DRIVEN: Mapping[str, tuple[Sample, tuple[str, ...]]] = MappingProxyType(
+    {
+        "val14": (Sample("val14", remainder=0, per_type=PER_TYPE), tuple(ARMS)),
+        "val14-reactive": (
+            Sample("val14-reactive", remainder=0, per_type=5),
+            ("autopilot", "mbappe", "idm", "pdm-closed"),
+        ),
+        "nocrash town-test.dense.test": (Sample("nocrash", ("town-test.dense.test",)), PLANNERS),
+        "nocrash town-test.dense.train": (Sample("nocrash", ("town-test.dense.train",)), PLANNERS),
+        "leaderboard": (Sample("leaderboard"), PLANNERS),
+    }
+)
+"""Scenarios and arms of each section of RESULTS.md."""

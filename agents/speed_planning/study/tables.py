@@ -1,0 +1,90 @@
+"""Tables of the study of plans: every arm, and the changes that it makes to another on the same mornings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from dohyo.agents.speed_planning.study.dissipation import DESIGNS
+from dohyo.agents.speed_planning.study.mornings import ARMS
+from dohyo.agents.studies.claims import Claim, Judgement, Relation, judge_rows
+from dohyo.agents.studies.rows import Row, by_arm, matched
+from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.tables import mean_of
+from dohyo.evaluation.report.style import markdown
+
+SHOWN: Final = {
+    "throughput_vph": ("throughput, veh/h", 0),
+    "speed_mps": ("speed, m/s", 2),
+    "speed_std_mps": ("its deviation, m/s", 2),
+    "speed_std_within_mps": ("within a minute, m/s", 2),
+    "fuel_circles_g_km": ("fuel CIRCLES, g/km", 1),
+    "fuel_sumo_g_km": ("fuel SUMO, g/km", 1),
+    "least_headway_s": ("least headway, s", 2),
+    "least_ttc_s": ("least TTC, s", 2),
+    "collisions": ("collisions", 1),
+}
+"""Metrics of the tables: head and decimals."""
+COMPARED: Final[Mapping[str, Relation]] = {
+    "throughput_vph": ">", "speed_std_mps": "<", "speed_std_within_mps": "<", "fuel_circles_g_km": "<",
+}  # fmt: skip
+"""Metrics of the claims, and what a better arm has."""
+AGAINST_NONE: Final = tuple((arm, "none") for arm in ARMS if arm != "none")
+BETTER_FORECAST: Final = tuple(
+    (f"{design}+{forecast}", f"{design}+persistence")
+    for design in DESIGNS[1:]
+    for forecast in ("sa-lstm", "oracle", "none")
+)
+CLAIMS: Final = [
+    Claim(arm, relation, other, metric, ablation=13)
+    for arm, other in (*AGAINST_NONE, *BETTER_FORECAST)
+    for metric, relation in COMPARED.items()
+]
+
+
+def judged(results: Results) -> list[Judgement]:
+    """Every arm against none, and the effect of another forecast; all claims are judged together."""
+    return judge_rows(CLAIMS, results.rows)
+
+
+def tables(results: Results) -> str:
+    """Every arm, every arm against none, and the effect of another forecast."""
+    rows = results.kept
+    found = {(one.claim.left, one.claim.right, one.claim.measure): one for one in judged(results)}
+    means = [
+        [arm, str(len(own)), *(mean_of(own, arm, metric, digits) for metric, (_, digits) in SHOWN.items())]
+        for arm, own in by_arm(rows, ARMS).items()
+    ]
+    return "\n".join(
+        (
+            markdown(["arm", "n", *(head for head, _ in SHOWN.values())], means),
+            "\nAgainst `none`, same seeds, %:\n",
+            _differences(rows, found, AGAINST_NONE),
+            "\nAnother forecast against persistence, same seeds, %:\n",
+            _differences(rows, found, BETTER_FORECAST),
+        )
+    )
+
+
+def _differences(
+    rows: Sequence[Row], found: Mapping[tuple[str, str, str], Judgement], pairs: Iterable[tuple[str, str]]
+) -> str:
+    lines = []
+    for arm, other in pairs:
+        verdicts = [found.get((arm, other, metric)) for metric in COMPARED]
+        cells = [_percent(rows, one) for one in verdicts if one is not None]
+        if cells and verdicts[0] is not None:
+            lines.append([arm, other, str(verdicts[0].difference.n), *cells])
+    return markdown(["arm", "against", "n", *(SHOWN[metric][0].partition(",")[0] for metric in COMPARED)], lines)
+
+
+def _percent(rows: Sequence[Row], one: Judgement) -> str:
+    """A difference as a share of the other arm's mean on the same seeds, %, with its interval and side."""
+    mine, other = (matched(rows, arm, one.claim.measure) for arm in (one.claim.left, one.claim.right))
+    base = [by[None] for key, by in other.items() if key in mine]
+    scale, difference = 100.0 * len(base) / sum(base), one.difference
+    if difference.mean is None or difference.low is None or difference.high is None:
+        return ""
+    mean, low, high = (scale * value for value in (difference.mean, difference.low, difference.high))
+    side = "=" if one.verdict == "not resolved" else "<" if mean < 0.0 else ">"
+    return f"{mean:+.1f} [{low:+.1f}, {high:+.1f}] {side}"
