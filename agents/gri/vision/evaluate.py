@@ -2,7 +2,7 @@
 
     python -m dohyo.agents.gri.vision.evaluate --data data/affordances --run out/vision/affordances
 
-Writes results/affordances.json, and the table of README.md from it. Each measure stands beside that of a constant
+Writes results/affordances.json, and the table of RESULTS.md from it. Each measure stands beside that of a constant
 answer: the majority of the training moments, or their mean.
 """
 

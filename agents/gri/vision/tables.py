@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from dohyo.evaluation.report.style import MISSING, markdown
 
-PAGE: Final = Path(__file__).with_name("README.md")
+PAGE: Final = Path(__file__).with_name("RESULTS.md")
 SECTION: Final = "encoder"
 HEADS: Final[Mapping[str, tuple[str, float, int]]] = {
     "junction": ("junction ahead, % right", 100.0, 1),
