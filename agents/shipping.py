@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 from pathlib import Path
 from typing import Final
 
 from dohyo.agents.learning.files.card import Card, digest, read_card, write_card
+from dohyo.agents.learning.files.command import typed
 from dohyo.agents.registry import GROUP, TRAINABLE
 from dohyo.evaluation.agent import AgentSpec, make_agent
 from dohyo.evaluation.entry import load_entry
@@ -60,16 +60,10 @@ def ship(name: str, run: Path, root: Path = ROOT) -> Path:
 
 
 def _command(run: Path, card: Card) -> str:
-    """Command of a training, as one types it in a checkout.
-
-    A card has only the name of the program. Where a module was run, that is __main__.py; the run has its whole path.
-    """
+    """Command of a training; a card has only __main__.py of a module, the run has its path."""
     if not card.command.startswith("__main__.py"):
         return card.command
-    program, *arguments = json.loads((run / "run.json").read_text())["sessions"][0]["command"]
-    checkout, _, module = program.rpartition("/dohyo/")
-    name = ".".join(("dohyo", *Path(module).parent.parts))
-    return shlex.join(["python", "-m", name, *(one.replace(f"{checkout}/", "") for one in arguments)])
+    return typed(json.loads((run / "run.json").read_text())["sessions"][0]["command"])
 
 
 def _register(name: str, entry: str, spec: AgentSpec, root: Path) -> None:

@@ -2,7 +2,7 @@
 
     python -m dohyo.agents.forecasting.study.lab out/forecasting 0
 
-copies the shipped forecasters of one seed from that folder into `checkpoints/`, networks also as ONNX.
+copies the shipped forecasters of one seed from that folder into `checkpoints/`, with cards, and networks also as ONNX.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from dohyo.agents.forecasting.base import Forecaster
+from dohyo.agents.forecasting.base import Forecaster, read_file
 from dohyo.agents.forecasting.data.speed_table import SpeedData
 from dohyo.agents.forecasting.data.windows import HORIZON, make_windows
 from dohyo.agents.forecasting.learned import Learned
@@ -28,10 +30,14 @@ from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make
 from dohyo.agents.forecasting.scores import coverage, errors, frontier_scores, frontiers_ahead
 from dohyo.agents.forecasting.study.arms import Variant
 from dohyo.agents.forecasting.training import TrainSettings, train_network
+from dohyo.agents.learning.files.card import UNKNOWN, Card, digest, weights_of, write_card
+from dohyo.agents.learning.files.command import typed
+from dohyo.agents.learning.runs.run import surroundings
 from dohyo.sumo_networks.files import write_atomically
 
 SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}
 SHIPPED |= {name: name for name in ("linear", "historical-mean", "sa-lstm-quantiles")} | {"tsmixer": "tsmixer-mse"}
+TRAINER: Final = "dohyo.agents.forecasting.study.lab"
 
 
 class Lab:
@@ -59,6 +65,11 @@ class Lab:
         sums = [float(np.nansum(one.target, dtype=np.float64)) for one in some]
         return hashlib.sha256(json.dumps([shapes, sums, self.steps]).encode()).hexdigest()[:12]
 
+    @cached_property
+    def _data_digest(self) -> str:
+        source = Path(self.data.source)
+        return digest(source) if source.exists() else UNKNOWN
+
     @property
     def seconds(self) -> float:
         """Processor time of all trainings, s."""
@@ -74,7 +85,8 @@ class Lab:
         forecaster = self._trained(variant, seed)
         seconds = round(time.process_time() - began, 1)
         forecaster.save(path)
-        write_atomically(facts, json.dumps({"of": self._learned_from, "seconds": seconds}).encode())
+        origin = {"of": self._learned_from, "seconds": seconds, "data_sha256": self._data_digest, **_session()}
+        write_atomically(facts, json.dumps(origin).encode())
         return forecaster
 
     def measures(self, forecaster: Forecaster, name: str) -> Iterator[dict[str, float]]:
@@ -133,13 +145,46 @@ def start_from(forecaster: Learned, first: Forecaster) -> None:
     forecaster.scale, forecaster.free_mps = first.scale, first.free_mps
 
 
-def ship(folder: Path, seed: int) -> None:
-    """Copies the forecasters of one seed into the package, networks also as ONNX."""
+def _session() -> dict[str, Any]:
+    """Command and commit of this process, as cards have them."""
+    told = surroundings()
+    commit = told["commit"]
+    return {
+        "command": typed(told["command"]),
+        "commits": [commit] if commit else UNKNOWN,
+        "uncommitted": told["uncommitted"] if commit else UNKNOWN,
+    }
+
+
+def ship(folder: Path, seed: int, checkpoints: Path = CHECKPOINTS) -> None:
+    """Copies the forecasters of one seed into the package, networks also as ONNX, and writes their cards."""
     for name, arm in SHIPPED.items():
-        forecaster = load_forecaster(folder / f"{arm}-{seed}.safetensors")
-        forecaster.save(CHECKPOINTS / f"{name}.safetensors")
+        trained = folder / f"{arm}-{seed}.safetensors"
+        forecaster = load_forecaster(trained)
+        # A copy of the bytes: what is loaded and saved again has lost its settings.
+        write_atomically(checkpoints / f"{name}.safetensors", trained.read_bytes())
         if isinstance(forecaster, Learned | Quantiles):
-            forecaster.export(CHECKPOINTS / f"{name}.onnx")
+            forecaster.export(checkpoints / f"{name}.onnx")
+        origin = json.loads(trained.with_suffix(".training.json").read_text())
+        settings = json.loads(read_file(trained)[0].get("settings", "{}"))
+        write_card(checkpoints, name, _card(checkpoints, name, settings, origin))
+
+
+def _card(checkpoints: Path, name: str, settings: Mapping[str, Any], origin: Mapping[str, Any]) -> Card:
+    """Card of a shipped forecaster; simple ones have no settings, no seed and no steps."""
+    return Card(
+        files=weights_of(checkpoints, name),
+        subject=f"forecaster {name}",
+        trainer=TRAINER if settings else None,
+        config=dict(settings),
+        seed=settings.get("seed"),
+        steps=UNKNOWN if settings else None,
+        device="cpu",
+        tier=2,
+        metrics=UNKNOWN,
+        note="Measured by the study: RESULTS.md. The thesis has 350 days.",
+        **{fact: origin.get(fact, UNKNOWN) for fact in ("command", "commits", "uncommitted", "data_sha256")},
+    )
 
 
 if __name__ == "__main__":

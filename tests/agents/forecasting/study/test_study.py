@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from dohyo.agents.forecasting.data.reading import read_data
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.registry import SIMPLE, load_forecaster, make_forecaster
-from dohyo.agents.forecasting.study import study, tables
+from dohyo.agents.forecasting.study import lab, study, tables
 from dohyo.agents.forecasting.study.arms import Variant
 from dohyo.agents.forecasting.study.lab import SHIPPED, Lab, start_from
+from dohyo.agents.learning.files.card import digest, read_card
 from dohyo.agents.studies.arms import TRAININGS
 from dohyo.agents.studies.rows import cell_of, read_rows
 from tests.agents.forecasting.roads import write_folder
@@ -53,6 +55,28 @@ def test_the_n_step_starts_from_the_one_step_of_its_seed(small: Lab) -> None:
     start_from(forecaster, first)
     rows = np.random.default_rng(0).uniform(5, 30, (8, 4))
     np.testing.assert_allclose(forecaster.predict(rows)[0], first.predict(rows)[0], rtol=1e-5)
+
+
+def test_what_ships_is_what_was_trained_with_a_card(
+    small: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lab, "SHIPPED", {"sa-lstm": "sa-lstm-lap3-balanced", "linear": "linear"})
+    monkeypatch.setattr("sys.argv", ["/home/me/dohyo/dohyo/agents/studies/__main__.py", "forecasting", "run"])
+    small.forecaster(Variant("sa-lstm", 3, 0.001), 2)
+    small.forecaster(Variant("linear"), 2)
+    lab.ship(small.folder, 2, tmp_path)
+    network, simple = (read_card(tmp_path / f"{name}.safetensors") for name in ("sa-lstm", "linear"))
+    assert set(network.files) == {"sa-lstm.safetensors", "sa-lstm.onnx"}
+    assert (tmp_path / "sa-lstm.safetensors").read_bytes() == (
+        small.folder / "sa-lstm-lap3-balanced-2.safetensors"
+    ).read_bytes()
+    assert not isinstance(network.config, str)
+    assert (network.config["depth"], network.config["weight"], network.config["steps"]) == (3, 0.001, 2)
+    assert network.command == simple.command == "python -m dohyo.agents.studies forecasting run"
+    assert network.data_sha256 == simple.data_sha256 == digest(Path(small.data.source))
+    assert (network.seed, network.trainer) == (2, lab.TRAINER)
+    assert (simple.seed, simple.trainer, simple.config) == (None, None, {})
+    assert find_spec(lab.TRAINER) is not None
 
 
 def test_every_arm_of_the_claims_and_of_the_package_is_run() -> None:
