@@ -21,9 +21,9 @@ from typing import Any
 
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.studies.arms import Cell
-from dohyo.agents.studies.rows import is_lost
+from dohyo.agents.studies.registry import studies, study_named
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.study import STUDIES, Results, Study, read_results, study_named
+from dohyo.agents.studies.study import Results, Study, read_results
 from dohyo.agents.studies.tables import write_section
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNameError
 
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m dohyo.agents.studies", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("name", nargs="?", metavar="NAME", help=f"all, {', '.join(STUDIES)}")
+    parser.add_argument("name", nargs="?", metavar="NAME", help=f"all, {', '.join(studies())}")
     parser.add_argument("action", nargs="?", choices=("run", "table", "figures"), default="table")
     parser.add_argument("--set", nargs="+", dest="settings", default=[], metavar="KEY=VALUE", help="options of a run")
     parser.add_argument("--arms", nargs="+", metavar="ARM", help="of a run or table; default: all")
@@ -52,9 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--write", action="store_true", help="write the tables into RESULTS.md")
     given = parser.parse_args(arguments)
     if given.name is None:
-        print("\n".join(f"{name:16} {study_named(name).summary}" for name in STUDIES))
+        print("\n".join(f"{name:16} {study_named(name).summary}" for name in studies()))
         return
-    for name in STUDIES if given.name == "all" else (given.name,):
+    for name in studies() if given.name == "all" else (given.name,):
         study = study_named(name)
         if given.action == "run":
             _run(name, study, given)
@@ -99,7 +99,8 @@ def _run(name: str, study: Study[Any], given: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         sys.exit(INTERRUPTED)
-    lost = sum(map(is_lost, read_results(out).rows))
+    results = read_results(out)
+    lost = len(results.rows) - len(results.kept)
     print(f"rows: {out}" + (f"; {lost} cells were lost, the same command runs them again" if lost else ""))
 
 

@@ -17,29 +17,12 @@ from dohyo.agents.studies.claims import Judgement
 from dohyo.agents.studies.rows import Row, is_lost, read_rows
 from dohyo.agents.studies.runner import Job, Progress, run
 from dohyo.agents.studies.tables import PAGE
-from dohyo.evaluation.entry import load_entry
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 O = TypeVar("O", bound=Config)  # noqa: E741
 ROWS, FACTS = "rows.jsonl", "facts.json"
-
-STUDIES: Mapping[str, str] = {
-    "dissipation": "dohyo.agents.speed_planning.study.study:STUDY",
-    "forecasting": "dohyo.agents.forecasting.study.study:STUDY",
-    "ghrl": "dohyo.agents.hierarchical.study.study:STUDY",
-    "ghrl-policies": "dohyo.agents.hierarchical.study.evaluate_policies:STUDY",
-    "ghrl-trainings": "dohyo.agents.hierarchical.study.trainings:STUDY",
-    "gri": "dohyo.agents.gri.study.study:STUDY",
-    "mbappe": "dohyo.agents.mcts.study.study:STUDY",
-    "parking": "dohyo.agents.parking.study.study:STUDY",
-    "peers": "dohyo.agents.studies.peers:STUDY",
-    "priboot": "dohyo.agents.priboot.study.study:STUDY",
-    "rlad": "dohyo.agents.rlad.study.study:STUDY",
-    "rlfold": "dohyo.agents.rlfold.study.study:STUDY",
-}
-"""As "module:attribute", since systems take seconds to import."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,19 +128,6 @@ class Study(Generic[O]):
         for _, some in groupby(sorted(cells, key=self.phase), self.phase):
             run(out / ROWS, some, work, workers=workers, together=self.together, fresh=self.fresh, progress=progress)
         _write_facts(out, {**origin, **self.facts(options)})
-
-
-def study_named(name: str) -> Study[Any]:
-    """The study of a name.
-
-    Raises:
-        UnknownNameError: There is no such study.
-    """
-    if name not in STUDIES:
-        raise UnknownNameError("study", name, STUDIES)
-    study = load_entry(STUDIES[name], "study")
-    assert isinstance(study, Study)
-    return study
 
 
 def read_results(folder: Path) -> Results:

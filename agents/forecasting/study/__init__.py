@@ -1,1 +1,3 @@
 """The study of forecasters: arms, tables, figures, and the time of a forecast."""
+
+STUDIES = {"forecasting": "study"}

@@ -1,1 +1,3 @@
 """Study of parking: arms, their judgement, tables."""
+
+STUDIES = {"parking": "study"}

@@ -1,1 +1,3 @@
 """Study of RLAD: its parts, its rivals, its encoder's size."""
+
+STUDIES = {"rlad": "study"}

@@ -11,9 +11,10 @@ import pytest
 from dohyo.agents.studies import __main__ as command
 from dohyo.agents.studies.__main__ import main
 from dohyo.agents.studies.claims import Claim, judge
+from dohyo.agents.studies.registry import studies, study_named
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.study import STUDIES, read_results, study_named
+from dohyo.agents.studies.study import read_results
 from dohyo.agents.studies.tables import claims_table, each_training, probability, write_section
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -39,7 +40,7 @@ def test_a_page_without_both_marks_is_refused_and_left_alone(tmp_path: Path, dam
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", studies())
 def test_every_section_holds_what_its_stored_rows_give(name: str) -> None:
     study = study_named(name)
     results, page = study.read(study.stored), study.page.read_text()
@@ -71,7 +72,7 @@ def test_p_values_have_two_digits_that_count() -> None:
 
 def test_the_command_lists_the_studies_and_prints_one_section(capsys: pytest.CaptureFixture[str]) -> None:
     main([])
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(STUDIES)
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(studies())
     main(["ghrl-trainings", "table", "--arms", "hrl"])
     rows = capsys.readouterr().out.strip().splitlines()[2:]
     assert {row.split(" | ")[1] for row in rows} == {"hrl"}
@@ -96,7 +97,7 @@ def test_a_choice_without_cells_and_rows_that_are_not_there_are_refused(tmp_path
 def test_the_tables_of_all_studies_leave_a_page_without_stored_rows_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "STUDIES", {"dissipation": STUDIES["dissipation"]})
+    monkeypatch.setattr(command, "studies", lambda: {"dissipation": studies()["dissipation"]})
     before = study_named("dissipation").page.read_text()
     main(["all", "table", "--rows", str(tmp_path), "--write"])
     assert study_named("dissipation").page.read_text() == before

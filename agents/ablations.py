@@ -1,7 +1,7 @@
 """Ablations: the twenty-nine comparisons of the three theses, with the verdicts of stored rows, as one page.
 
-    python -m dohyo.agents.studies.ablations                          # prints the page
-    python -m dohyo.agents.studies.ablations --out docs/ablations.md
+    python -m dohyo.agents.ablations                            # prints the page
+    python -m dohyo.agents.ablations --out docs/ablations.md
 
 A comparison is decided by claims of one study, which name it by its number. What no stored rows decide says so.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from dohyo.agents.studies.claims import Judgement
-from dohyo.agents.studies.study import study_named
+from dohyo.agents.studies.registry import study_named
 from dohyo.agents.studies.tables import anchor, bracketed, probability
 from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.sumo_networks.config import Config
@@ -119,7 +119,7 @@ The theses compare their systems in twenty-nine ablations. They are repeated her
 
 A claim is *reproduced* or *contradicted* if its paired difference excludes zero after Holm's correction over all claims of its study. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm.
 
-This page is made from stored rows: `python -m dohyo.agents.studies.ablations --out docs/ablations.md`."""  # noqa: E501
+This page is made from stored rows: `python -m dohyo.agents.ablations --out docs/ablations.md`."""  # noqa: E501
 
 
 def _counts(found: Iterable[Decided]) -> str:

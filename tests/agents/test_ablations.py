@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.studies.ablations import Ablation, Decided, ablations, main, page
+from dohyo.agents.ablations import Ablation, Decided, ablations, main, page
 from dohyo.agents.studies.claims import Claim, Judgement, judge, of_ablation
-from dohyo.agents.studies.study import STUDIES
+from dohyo.agents.studies.registry import studies
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def judged(*higher: float, trainings: int = 3) -> list[Judgement]:
@@ -32,7 +32,7 @@ def decided(*higher: float, trainings: int = 3) -> Decided:
 def test_the_comparisons_have_consecutive_numbers_and_known_studies_and_pages() -> None:
     found = ablations()
     assert [one.number for one in found] == list(range(1, 30))
-    assert {one.study for one in found} - {""} <= set(STUDIES)
+    assert {one.study for one in found} - {""} <= set(studies())
     assert all((DOCS / one.page).exists() for one in found)
 
 

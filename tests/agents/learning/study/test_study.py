@@ -7,22 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.studies import peers
+from dohyo.agents.learning.study import study
 from dohyo.agents.studies.study import read_results
 
 
 @pytest.mark.slow
 def test_both_libraries_train_and_are_judged_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    short = dataclasses.replace(
-        peers.MATCHES[1], steps=200, config=peers.MATCHES[1].config.model_copy(update={"round_steps": 100})
-    )
-    assert (short.env, short.algorithm) == ("Pendulum-v1", "sac")
-    monkeypatch.setattr(peers, "MATCHES", (short,))
-    peers.STUDY.run(tmp_path, ["episodes=1"], chosen=lambda cell: cell.training_seed == 0)
+    match = study.MATCHES["Pendulum-v1", "sac"]
+    short = dataclasses.replace(match, steps=200, config=match.config.model_copy(update={"round_steps": 100}))
+    monkeypatch.setattr(study, "MATCHES", {("Pendulum-v1", "sac"): short})
+    study.STUDY.run(tmp_path, ["episodes=1"], chosen=lambda cell: cell.training_seed == 0)
     rows = read_results(tmp_path).rows
     assert [row["arm"] for row in rows] == ["sac, dohyo", "sac, stable-baselines3"]
     assert all(row["steps"] == 200 and -2500.0 < row["return"] < 0.0 for row in rows)
     assert all(abs(row["updates"] - 100) <= 1 for row in rows)
-    table = peers.table(read_results(tmp_path))
+    table = study.table(read_results(tmp_path))
     assert "Pendulum-v1 | SAC | dohyo | 200 | 1" in table
     assert "stable-baselines3" in table

@@ -1,0 +1,3 @@
+"""Study of the algorithms: ours against a peer's, and its table."""
+
+STUDIES = {"peers": "study"}
