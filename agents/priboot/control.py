@@ -28,7 +28,7 @@ FULL_BRAKE_M_S, HOLD = 2.5, 0.3
 CREEP_AFTER_S, CREEP_S, CREEP_M_S = 10.0, 1.5, 1.5
 STRAIGHT_M, STRAIGHT_RAD = 2.5, math.radians(15.0)
 """Length of the way that must be straight before the ego creeps, and largest angle to its end."""
-RUN_UP_M: Final = 10.0
+RUN_UP_M: Final = 5.0
 """Distance of what stands ahead from which on the ego does not creep, since it needs that to go round."""
 
 

@@ -31,8 +31,9 @@ HALF: Final = {"vehicle": 2.3, "pedestrian": 0.25, "construction": 0.2}
 """Half the length of a usual one, m."""
 BRAKING, COMFORTABLE, HARDEST_YELLOW = 5.0, 2.5, 3.5
 """Decelerations: towards others, from which on it brakes for a line, and the largest for a yellow light, m/s^2."""
-LINE_M, MARGIN_M = 1.5, 0.3
-"""Distance to a stop line at which the ego stands, and width added on each side of the ego."""
+LINE_M, MARGIN_M, MARGIN_STANDING_M = 1.5, 0.3, 0.1
+"""Distance to a stop line at which the ego stands, and width added on each side of the ego; beside cars and cones that
+stand the network may drive closely."""
 STANDS_M_S, SHORTEST_M, TURNS_M = 0.3, 1.0, 10.0
 """Speed below which another one stands, shortest waypoints that tell where the ego goes, and length on which it turns
 back to the route's direction behind them."""
@@ -83,8 +84,10 @@ def _others(observation: Observation, speed: float, waypoints: FloatArray) -> li
     for kind, x, y, heading, their_speed, length, width, _ in objects[objects[:, 0] >= 0].tolist():
         if x < -_VEHICLE.length or math.hypot(x, y) > TARGET_M + length:
             continue
-        ways = (intended,) if their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN else (intended, route)
-        gaps = [gap for way in ways if (gap := gap_on(way, x, y, heading, length, width)) is not None]
+        stands = their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN
+        ways, margin = ((intended,), MARGIN_STANDING_M) if stands else ((intended, route), MARGIN_M)
+        box = (x, y, heading, length, width + 2 * margin)
+        gaps = [gap for way in ways if (gap := gap_on(way, *box)) is not None]
         if not gaps:
             continue
         name = _CLASS.get(int(kind), "vehicle")
@@ -138,7 +141,7 @@ def _directions(way: Float32Array) -> Float32Array:
 
 
 def gap_on(way: Float32Array, x: float, y: float, heading: float, length: float, width: float) -> float | None:
-    """Free distance before the front bumper to a box, along the way, m; None if the box is not in the way."""
+    """Free distance before the front bumper to a box, along the way, m; None if the ego passes beside the box."""
     cos, sin = math.cos(heading), math.sin(heading)
     u, v = np.array([1, 1, -1, -1, 0]) * length / 2, np.array([1, -1, 1, -1, 0]) * width / 2
     corners = np.column_stack([x + u * cos - v * sin, y + u * sin + v * cos])
@@ -148,7 +151,7 @@ def gap_on(way: Float32Array, x: float, y: float, heading: float, length: float,
     offset = corners - way[near]
     across = along[near, 0] * offset[:, 1] - along[near, 1] * offset[:, 0]
     forward = near + (along[near] * offset).sum(axis=1)
-    reach = _VEHICLE.width / 2 + MARGIN_M
+    reach = _VEHICLE.width / 2
     if across.min() > reach or across.max() < -reach or forward.max() < 0.0 or forward.min() >= TARGET_M:
         return None
     return max(float(forward.min()) - _VEHICLE.length / 2, 0.0)
@@ -164,5 +167,6 @@ def is_free(observation: Observation, metres: float) -> bool:
     """Whether nothing stands on the route within so many metres of the bumper."""
     objects, route = observation["objects"], way_ahead(observation["path"])
     standing = objects[(objects[:, 0] >= 0) & (objects[:, 4] < STANDS_M_S) & (objects[:, 1] > 0.0)]
-    gaps = (gap_on(route, x, y, heading, length, width) for _, x, y, heading, _, length, width, _ in standing.tolist())
+    boxes = ((*row[1:4], row[5], row[6] + 2 * MARGIN_STANDING_M) for row in standing.tolist())
+    gaps = (gap_on(route, *box) for box in boxes)
     return not any(gap is not None and gap < metres for gap in gaps)

@@ -1,7 +1,7 @@
 """Recording: a demonstrator drives, with events of the leaderboard on half of its routes, and noise on most of them.
 
-    dohyo dataset priboot --out out/priboot/demonstrations --samples 34000
-    dohyo dataset priboot --out out/priboot/of-pdm --samples 34000 --demonstrator pdm-closed
+    dohyo dataset priboot --out out/priboot/demonstrations --samples 80000
+    dohyo dataset priboot --out out/priboot/of-pdm --samples 80000 --demonstrator pdm-closed
 
 Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. An
 interrupted recording goes on where it stopped, and the same order gives the same bytes.

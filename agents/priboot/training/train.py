@@ -46,7 +46,7 @@ FEATURES = "features"
 """Folder of the cached feature maps, in that of the demonstrations."""
 
 Seen = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 48, 32) pixels before the ego in [0, 1]."""
+"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 112, 32) pixels before the ego in [0, 1]."""
 
 
 class TrainConfig(SupervisedConfig):
