@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_pairs, p_value
-from dohyo.agents.studies.rows import Row, matched
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, p_value
+from dohyo.agents.studies.rows import Row, is_lost, matched
 from dohyo.evaluation.statistics import Estimate
 
 LEVEL: Final = 0.05
@@ -58,6 +58,11 @@ def of_ablation(number: int, *claims: Claim) -> tuple[Claim, ...]:
     return tuple(replace(claim, ablation=number) for claim in claims)
 
 
+def above(left: str, *others: str, measure: str, where: str = "") -> tuple[Claim, ...]:
+    """Claims that an arm is above each of some others."""
+    return tuple(Claim(left, ">", other, measure, where) for other in others)
+
+
 @dataclass(frozen=True, slots=True)
 class Judgement:
     """Result of a claim.
@@ -84,18 +89,13 @@ class Judgement:
         return _has_few(self.trainings)
 
 
-def paired_interval(differences: Matched) -> Estimate:
-    """Mean and interval of paired differences, by the crossed bootstrap."""
-    return estimate(differences, of_pairs)
-
-
 def judge_rows(
     claims: Iterable[Claim],
-    rows: Sequence[Row],
+    rows: Iterable[Row],
     *,
     at: Callable[[Row, str], bool] = lambda row, where: where in ("", row["benchmark"]),
     values: Callable[[Iterable[Row], str, str], Matched] = matched,
-    interval: Callable[[Matched], Estimate] = paired_interval,
+    interval: Callable[[Matched], Estimate] = estimate,
 ) -> list[Judgement]:
     """Judges a list of claims by the rows of their places; see `judge`.
 
@@ -106,9 +106,10 @@ def judge_rows(
         values: Values of a measure in an arm, see `matched`.
         interval: See `judge`.
     """
+    kept = [row for row in rows if not is_lost(row)]
     return judge(
         claims,
-        lambda claim, arm: values((row for row in rows if at(row, claim.where)), arm, claim.measure),
+        lambda claim, arm: values((row for row in kept if at(row, claim.where)), arm, claim.measure),
         interval,
     )
 
@@ -116,7 +117,7 @@ def judge_rows(
 def judge(
     claims: Iterable[Claim],
     values: Callable[[Claim, str], Matched],
-    interval: Callable[[Matched], Estimate] = paired_interval,
+    interval: Callable[[Matched], Estimate] = estimate,
 ) -> list[Judgement]:
     """Judges a list of claims; those whose arms have no scenario in common are left out.
 

@@ -7,8 +7,8 @@ the values count as independent, one per scenario. Three trainings say little ab
 in simulated studies with 40 scenarios, 95 % intervals held the truth in 95 % of cases where trainings differ little,
 but in 83 % where they differ as much as scenarios do; in 88 % with five trainings, and in 93 % with ten.
 
-A p-value belongs to the same bootstrap: twice the share of resamples on the other side of 0, from more resamples, so
-that a correction over a hundred claims still resolves it.
+A p-value is that of `estimate`'s bootstrap: twice the share of resamples on the other side of 0, from more resamples,
+so that a correction over a hundred claims still resolves it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, paired, share_estimate
+from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, mean_estimate, share_estimate
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
@@ -31,7 +31,7 @@ DECIMALS: Final = 9
 """Of resampled means: the last bits of a matrix product depend on the processor, and no table may."""
 
 
-def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
+def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate] = mean_estimate) -> Estimate:
     """Mean over all drives, with an interval over scenarios and trainings; see the module.
 
     Args:
@@ -52,7 +52,8 @@ def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate]) -> 
 def dense_estimate(matched: Matched) -> Estimate:
     """The same without holes, also with a single training or scenario, which is then not resampled.
 
-    It draws indices instead of counts, so that its random numbers differ from those of `estimate`.
+    It draws indices instead of counts, so that its random numbers differ from those of `estimate` and `p_value`: near
+    the level, its interval and that p-value may disagree.
     """
     values = _table(matched).T
     generator = np.random.default_rng(SEED)
@@ -98,11 +99,6 @@ def _counts(n: int, k: int, resamples: int) -> tuple[IntArray, IntArray]:
     generator = np.random.default_rng(SEED)
     rows, columns = (generator.multinomial(size, np.full(size, 1 / size), resamples) for size in (n, k))
     return rows, columns
-
-
-def of_pairs(values: Sequence[float]) -> Estimate:
-    """The estimate of independent differences."""
-    return paired(values, [0.0] * len(values)).difference
 
 
 def of_shares(values: Sequence[float]) -> Estimate:

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.studies.arms import Cell
-from dohyo.agents.studies.claims import Judgement
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
 from dohyo.agents.studies.rows import Row, is_lost, read_rows
 from dohyo.agents.studies.runner import Job, Progress, run
 from dohyo.agents.studies.tables import PAGE
@@ -128,6 +128,11 @@ class Study(Generic[O]):
         for _, some in groupby(sorted(cells, key=self.phase), self.phase):
             run(out / ROWS, some, work, workers=workers, together=self.together, fresh=self.fresh, progress=progress)
         _write_facts(out, {**origin, **self.facts(options)})
+
+
+def judging(claims: Sequence[Claim], **how: Any) -> Callable[[Results], list[Judgement]]:
+    """Judges claims by stored rows, see `judge_rows`."""
+    return lambda results: judge_rows(claims, results.rows, **how)
 
 
 def read_results(folder: Path) -> Results:

@@ -26,24 +26,20 @@ Columns = Mapping[str, Callable[[Judgement], str]]
 PAGE: Final = "RESULTS.md"
 
 
-def claimed(one: Judgement) -> str:
-    """Wording of the claim."""
-    return str(one.claim)
+def each_training(one: Judgement) -> str:
+    """Mean difference of each training."""
+    return ", ".join(f"{mean:+.0f}" for mean in one.trainings.values())
 
 
-def where(one: Judgement) -> str:
-    """Place of the claim."""
-    return one.claim.where
-
-
-def measured(one: Judgement) -> str:
-    """Measure of the claim."""
-    return one.claim.measure
-
-
-def counted(one: Judgement) -> str:
-    """Number of paired differences."""
-    return str(one.difference.n)
+COLUMNS: Final[Columns] = MappingProxyType(
+    {
+        "claim": lambda one: str(one.claim),
+        **dict.fromkeys(("where", "on", "benchmark", "policy"), lambda one: one.claim.where),
+        "measure": lambda one: one.claim.measure,
+        "n": lambda one: str(one.difference.n),
+        "each training": each_training,
+    }
+)
 
 
 def rounded(one: Judgement) -> str:
@@ -51,33 +47,33 @@ def rounded(one: Judgement) -> str:
     return fixed(one.difference)
 
 
-CLAIM: Final[Columns] = MappingProxyType({"claim": claimed, "where": where, "measure": measured})
-
-
 def claims_section(
     judged: Callable[[R], Sequence[Judgement]],
-    before: Columns = CLAIM,
+    heads: Sequence[str] = ("claim", "where", "measure"),
     shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
+    more: Columns = MappingProxyType({}),
 ) -> Callable[[R], str]:
     """Section with the verdicts on a study's claims, see `claims_table`."""
-    return lambda results: claims_table(judged(results), before, shown)
+    return lambda results: claims_table(judged(results), heads, shown, more)
 
 
 def claims_table(
     judged: Sequence[Judgement],
-    before: Columns,
+    heads: Sequence[str],
     shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
+    more: Columns = MappingProxyType({}),
 ) -> str:
     """A row per claim; empty without any.
 
     Args:
         judged: Claims of one list.
-        before: Columns before the difference, by head.
+        heads: Of the columns before the difference, in `COLUMNS` or `more`.
         shown: Difference with its interval.
+        more: Other columns.
     """
-    heads = [*before, "paired difference", "p (Holm)", "verdict"]
-    rows = [[*(cell(one) for cell in before.values()), shown(one), *_verdict_cells(one)] for one in judged]
-    return markdown(heads, rows) if rows else ""
+    cells = [{**COLUMNS, **more}[head] for head in heads]
+    rows = [[*(cell(one) for cell in cells), shown(one), *_verdict_cells(one)] for one in judged]
+    return markdown([*heads, "paired difference", "p (Holm)", "verdict"], rows) if rows else ""
 
 
 def _verdict_cells(one: Judgement) -> tuple[str, str]:
@@ -106,11 +102,6 @@ def mean_of(
     """
     values = matched(rows, arm, measure)
     return fixed(estimate(values, alone), digits) if values else MISSING
-
-
-def each_training(one: Judgement) -> str:
-    """Mean difference of each training."""
-    return ", ".join(f"{mean:+.0f}" for mean in one.trainings.values())
 
 
 def probability(p: float) -> str:

@@ -19,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
-from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.trained import Columns, columns
 from dohyo.evaluation.report.style import MISSING, interval, markdown
@@ -106,14 +106,8 @@ def find_trainings(runs: Path, tasks: Iterable[str]) -> Results:
         arm, numbered, task = folder.parts[-3:]
         seed = re.fullmatch(r"seed-(\d+)", numbered)
         if seed and task in tasks and folder.is_dir():
-            found.append(training_row(arm, int(seed[1]), task, folder))
+            found.append({**Cell(arm, int(seed[1]), BENCHMARK, task, None)._asdict(), "folder": str(folder)})
     return Results(found, {})
-
-
-def training_row(arm: str, seed: int, task: str, folder: Path) -> Row:
-    """Row of a training."""
-    cell = {"arm": arm, "training_seed": seed, "benchmark": BENCHMARK, "scenario": task, "seed": None}
-    return {**cell, "folder": str(folder)}
 
 
 def read_trainings(results: Results, arms: Sequence[str], tasks: Sequence[str]) -> Trainings:

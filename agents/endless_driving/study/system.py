@@ -6,8 +6,7 @@ the benchmark "training" is the last evaluation of a training on those missions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +18,7 @@ from dohyo.agents.endless_driving.study.judging import measures
 from dohyo.agents.endless_driving.study.tables import Claims, judged, tables_of
 from dohyo.agents.learning.runs.trainer import Trainer, train_to_the_end
 from dohyo.agents.registry import resolve
-from dohyo.agents.studies.arms import TRAININGS, Block, Cell, Place, cells_of
+from dohyo.agents.studies.arms import TRAININGS, Block, Place, cells_of
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
@@ -35,60 +34,57 @@ LAST: Final = ("return", "success", "completion", "lateral_m", "collision", "red
 """Columns of the last evaluation."""
 
 
-@dataclass(frozen=True)
-class System:
-    """What a study trains and drives.
+def study_of(
+    summary: str,
+    room: Path,
+    name: str,
+    trainer: Trainer[Any],
+    arms: Mapping[str, DrivingArm],
+    claims: Claims,
+) -> Study[TrainedOptions]:
+    """Study of a system; drives of one training in one amount of traffic are one job.
 
-    Attributes:
+    Args:
+        summary: See `Study`.
+        room: See `Study`.
         name: Of the trainer, and of the agent that drives with its policies.
         trainer: Of all arms.
         arms: By name.
+        claims: The thesis's order of the arms.
     """
+    own = [Place(TRAINING, "held-out missions", None)]
+    return Study(
+        summary=summary,
+        room=room,
+        options=TrainedOptions,
+        cells=lambda options: cells_of(Block([*arms], TRAININGS, places) for places in (own, UNSEEN.places())),
+        work=partial(work, name, trainer, dict(arms)),
+        tables=tables_of(arms, claims),
+        together=lambda cell: (cell.arm, cell.training_seed, cell.scenario.rpartition(".")[0]),
+        fresh=True,
+        judged=judged(claims),
+    )
 
-    name: str
-    trainer: Trainer[Any]
-    arms: Mapping[str, DrivingArm]
 
-    def cells(self, options: TrainedOptions) -> list[Cell]:
-        """Every arm's trainings, and their drives of all missions."""
-        own = [Place(TRAINING, "held-out missions", None)]
-        return cells_of(Block([*self.arms], TRAININGS, places) for places in (own, UNSEEN.places()))
+def work(
+    name: str, trainer: Trainer[Any], arms: Mapping[str, DrivingArm], options: TrainedOptions, job: Job
+) -> Iterator[Row]:
+    """Trains the arm of a job, unless that is done; then its last evaluation, or its drives.
 
-    def work(self, options: TrainedOptions, job: Job) -> Iterator[Row]:
-        """Trains the arm of a job, unless that is done; then its last evaluation, or its drives.
-
-        Raises:
-            RunStoppedError: The training was stopped.
-            SimulationError: There is no policy yet and none may be trained, or a simulation failed.
-        """
-        arm, seed = job[0].arm, job[0].training_seed or 0
-        config = self.arms[arm].training(self.trainer.config, seed)
-        policy = options.trained(f"{arm}/seed-{seed}", partial(train_to_the_end, self.trainer, self.name, config))
-        facts = result_of(policy.parent, "steps", "updates", "finished", "tier")
-        for cell in job:
-            found = last(policy.parent) if cell.benchmark == TRAINING else self._drive(cell, policy)
-            yield {**cell._asdict(), **facts, **found}
-
-    def _drive(self, cell: Cell, policy: Path) -> Row:
-        return measures(*driven(scenario_of(cell), make_agent(resolve(self.name), {"policy": str(policy)})))
-
-    def study(self, summary: str, room: Path, claims: Claims) -> Study[TrainedOptions]:
-        """The study, whose rows and page are in a system's folder.
-
-        Drives of one training in one amount of traffic are one job.
-        """
-        work: Callable[[TrainedOptions, Job], Iterator[Row]] = self.work
-        return Study(
-            summary=summary,
-            room=room,
-            options=TrainedOptions,
-            cells=self.cells,
-            work=work,
-            tables=tables_of(self.arms, claims),
-            together=lambda cell: (cell.arm, cell.training_seed, cell.scenario.rpartition(".")[0]),
-            fresh=True,
-            judged=partial(judged, claims),
-        )
+    Raises:
+        RunStoppedError: The training was stopped.
+        SimulationError: There is no policy yet and none may be trained, or a simulation failed.
+    """
+    arm, seed = job[0].arm, job[0].training_seed or 0
+    config = arms[arm].training(trainer.config, seed)
+    policy = options.trained(f"{arm}/seed-{seed}", partial(train_to_the_end, trainer, name, config))
+    facts = result_of(policy.parent, "steps", "updates", "finished", "tier")
+    for cell in job:
+        if cell.benchmark == TRAINING:
+            found = last(policy.parent)
+        else:
+            found = measures(*driven(scenario_of(cell), make_agent(resolve(name), {"policy": str(policy)})))
+        yield {**cell._asdict(), **facts, **found}
 
 
 def last(folder: Path) -> Row:

@@ -11,9 +11,9 @@ import numpy as np
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import EDGES_M
-from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.claims import Claim, Judgement
 from dohyo.agents.studies.rows import Row, by_arm, infractions_per_km
-from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.study import Results, judging
 from dohyo.agents.studies.tables import claims_section, mean_of, rounded
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 from dohyo.evaluation.report.style import MISSING, markdown
@@ -43,7 +43,7 @@ def tables_of(arms: Arms, claims: Claims) -> Mapping[str, Callable[[Results], st
     return {
         "trainings": partial(trainings_table, arms),
         "success": partial(success_table, arms),
-        "claims": claims_section(partial(judged, claims), shown=rounded),
+        "claims": claims_section(judged(claims), shown=rounded),
         "infractions": partial(infractions_table, arms),
         "lateral": partial(lateral_table, arms),
     }
@@ -79,9 +79,9 @@ def success_table(arms: Arms, results: Results) -> str:
     return markdown(titles, lines) if lines else ""
 
 
-def judged(claims: Claims, results: Results) -> list[Judgement]:
+def judged(claims: Claims) -> Callable[[Results], list[Judgement]]:
     """The thesis's order of the arms, on trainings or on drives of the unseen town."""
-    return judge_rows(claims, results.kept, at=lambda row, where: where in (row["benchmark"], _traffic(row)))
+    return judging(claims, at=lambda row, where: where in (row["benchmark"], _traffic(row)))
 
 
 def infractions_table(arms: Arms, results: Results) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 
 from dohyo.agents.forecasting.data.windows import HORIZON
 from dohyo.agents.forecasting.registry import SIMPLE
-from dohyo.agents.studies.claims import Claim, Judgement, judge_rows, of_ablation
+from dohyo.agents.studies.claims import Claim, Judgement, of_ablation
 from dohyo.agents.studies.crossed_bootstrap import Matched, dense_estimate
 from dohyo.agents.studies.rows import matched
-from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import bracketed, claimed, claims_table
+from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.tables import bracketed, claims_table
 from dohyo.evaluation.report.style import MISSING, markdown, number
 
 SETS: Final = ("easy", "hard")
@@ -136,11 +136,6 @@ def intervals(results: Results) -> str:
     return markdown(["intervals meant to hold 90 %", "row", "hold, %", "width, km/h"], rows)
 
 
-def judged(results: Results) -> list[Judgement]:
-    """Claims of the thesis, and ours: the smaller error is on the left."""
-    return judge_rows(directions(), results.rows, interval=dense_estimate)
-
-
 def claims(results: Results) -> str:
     """Verdict on each claim."""
 
@@ -151,12 +146,11 @@ def claims(results: Results) -> str:
         relative = 100.0 * (found.mean or 0.0) / right
         return f"{mean} [{low}, {high}] ({relative:+.0f} %, {n} seed{'s' * (n > 1)})"
 
-    before = {"claim": claimed, "set": lambda one: one.claim.where.capitalize()}
-    return claims_table(judged(results), before, shown)
+    return claims_table(judged(results), ("claim", "set"), shown, {"set": lambda one: one.claim.where.capitalize()})
 
 
 def directions() -> Iterator[Claim]:
-    """The claims: architectures, the loss, ways to forecast further, and ours."""
+    """The claims: architectures, the loss, ways to forecast further, and ours; the smaller error is on the left."""
     yield from of_ablation(10, *_architectures())
     yield from of_ablation(11, *_losses())
     yield from of_ablation(12, *_ways())
@@ -192,6 +186,9 @@ def _ways() -> Iterator[Claim]:
             yield Claim(at_once, "<", n_step, "mse_3", kind, f"all-at-once <= n-step at t+3{told}")
         yield Claim(n_step, "<", recursive, "mse_2", "hard", f"n-step < recursive at t+2{told}")
         yield Claim(n_step, "<", at_once, "mse_2", "hard", f"n-step < all-at-once at t+2{told}")
+
+
+judged = judging([*directions()], interval=dense_estimate)
 
 
 def _mean(results: Results, arm: str, kind: str, measure: str) -> float:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS
-from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.claims import Claim, above, of_ablation
 from dohyo.agents.studies.rows import Row, by_arm, grouped
-from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claimed, claims_section, mean_of, measured, where
+from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.evaluation.report.style import MISSING, markdown
 
 LAST, CURVE = "last", "curve"
@@ -41,12 +41,8 @@ def _claims(problem: str, alone: str) -> list[Claim]:
     return [*found, Claim(f"{base}sqil", "<", f"{base}p25", "completed", last, ablation=4)]
 
 
-def _encoder_claims(problem: str) -> list[Claim]:
-    """The thesis's direction on encoders: the richer one is better."""
-    richer, *others = (f"{problem}-iqn-{name}" for name in ("affordances", "classification", "untrained"))
-    return [Claim(richer, ">", other, "completed", f"{problem}, {LAST}", ablation=5) for other in others]
-
-
+_ENCODERS: Final = tuple(f"driving-vis-iqn-{name}" for name in ("affordances", "classification", "untrained"))
+"""From the richest to the poorest."""
 CLAIMS: Final = (
     *(
         claim
@@ -55,7 +51,7 @@ CLAIMS: Final = (
         for claim in _claims(arm.problem, name)
         if claim.left in ARMS and claim.right in ARMS
     ),
-    *_encoder_claims("driving-vis"),
+    *of_ablation(5, *above(*_ENCODERS, measure="completed", where=f"driving-vis, {LAST}")),
 )
 
 
@@ -95,14 +91,6 @@ def curves(results: Results) -> str:
     return "\n\n".join(parts)
 
 
-def judged(results: Results) -> list[Judgement]:
-    """Each direction of the thesis: on the last policies' episodes, or on the evaluations of the warm-up."""
-    return judge_rows(CLAIMS, results.kept, at=_at)
-
-
-claims = claims_section(judged, {"claim": claimed, "on": where, "measure": measured})
-
-
 def _at(row: Row, place: str) -> bool:
     """Whether a row is of a benchmark; of the warm-up, whether it is of the curve's first third."""
     problem, _, part = place.partition(", ")
@@ -110,3 +98,7 @@ def _at(row: Row, place: str) -> bool:
     if part != EARLY:
         return benchmark == place
     return benchmark == f"{problem}, {CURVE}" and bool(0 < row["seed"] <= row["steps"] / 3)
+
+
+judged = judging(CLAIMS, at=_at)
+claims = claims_section(judged, ("claim", "on", "measure"))

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from typing import Final
 
 from dohyo.agents.hierarchical.study.arms import ARMS, SUB_POLICIES
-from dohyo.agents.studies.claims import Claim, Judgement, Relation, judge_rows
+from dohyo.agents.studies.claims import Claim, Relation
 from dohyo.agents.studies.crossed_bootstrap import by_training, estimate
 from dohyo.agents.studies.rows import by_arm, grouped, matched
-from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claimed, claims_table, each_training, where
+from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.tables import claims_table
 from dohyo.evaluation.report.style import interval, markdown
-from dohyo.evaluation.statistics import mean_estimate
 
 MEASURES: Final[Mapping[str, tuple[str, Relation]]] = {
     "return": ("return", ">"), "success": ("success, %", ">"), "infraction": ("infractions, %", "<"),
@@ -29,6 +28,7 @@ CLAIMS: Final = [
     for measure, (_, relation) in MEASURES.items()
 ]
 """The first arm is better, for each sub-policy and measure."""
+judged = judging(CLAIMS)
 
 
 def tables(results: Results) -> str:
@@ -38,16 +38,8 @@ def tables(results: Results) -> str:
         for arm, rows in by_arm(by_policy.get(policy, ()), ARMS).items():
             values = [matched(rows, arm, measure) for measure in MEASURES]
             trainings = ", ".join(map(str, by_training(values[0])))
-            means.append([policy, arm, trainings, *(interval(estimate(some, mean_estimate)) for some in values)])
-    before = {"policy": where, "claim": claimed, "of": _head, "each training": each_training}
+            means.append([policy, arm, trainings, *(interval(estimate(some)) for some in values)])
     heads = ["policy", "arm", "trainings", *(head for head, _ in MEASURES.values())]
-    return "\n\n".join(part for part in (markdown(heads, means), claims_table(judged(results), before)) if part)
-
-
-def _head(one: Judgement) -> str:
-    return MEASURES[one.claim.measure][0]
-
-
-def judged(results: Results) -> list[Judgement]:
-    """Each claim, on the exercises that both arms drove."""
-    return judge_rows(CLAIMS, results.rows)
+    more = {"of": lambda one: MEASURES[one.claim.measure][0]}
+    claims = claims_table(judged(results), ("policy", "claim", "of", "each training"), more=more)
+    return "\n\n".join(part for part in (markdown(heads, means), claims) if part)

@@ -14,7 +14,7 @@ from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
 from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate, of_shares
 from dohyo.agents.studies.rows import Row, by_arm, by_place, grouped, is_lost, matched
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claimed, claims_table, each_training
+from dohyo.agents.studies.tables import COLUMNS, claims_table
 from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
 from dohyo.evaluation.report.style import MISSING, ending, interval, markdown, number
 
@@ -123,12 +123,9 @@ def judged(rows: Sequence[Row]) -> list[Judgement]:
 
 def claim_table(rows: Sequence[Row]) -> str:
     """A row per claim; empty without any."""
-    before = {
-        "claim: more successes, points": claimed,
-        "benchmark": lambda one: one.claim.where or "all",
-        "each training": each_training,
-    }
-    return claims_table(judged(rows), before)
+    claim = "claim: more successes, points"
+    more = {claim: COLUMNS["claim"], "benchmark": lambda one: one.claim.where or "all"}
+    return claims_table(judged(rows), (claim, "benchmark", "each training"), more=more)
 
 
 def percent(rows: Iterable[Row], arm: str, measure: str) -> Matched:

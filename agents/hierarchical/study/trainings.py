@@ -22,14 +22,7 @@ from dohyo.agents.studies.curves import draw
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study
-from dohyo.agents.studies.training_results import (
-    BENCHMARK,
-    find_trainings,
-    read_trainings,
-    run_folder,
-    table,
-    training_row,
-)
+from dohyo.agents.studies.training_results import BENCHMARK, find_trainings, read_trainings, run_folder, table
 from dohyo.evaluation.report.pictures import write_page
 from dohyo.sumo_networks.config import Config
 
@@ -88,7 +81,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     folder = run_folder(options.runs, cell.arm, cell.training_seed or 0, cell.scenario)
     trainer = trainer_of(cell.scenario)
     train_to_the_end(trainer, f"hierarchical-{cell.scenario}", _config(options, cell), folder)
-    yield training_row(cell.arm, cell.training_seed or 0, cell.scenario, folder)
+    yield {"folder": str(folder)}
 
 
 def trainings_table(results: Results) -> str:

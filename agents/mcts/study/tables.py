@@ -3,79 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Final
 
 from dohyo.agents.mcts.study.arms import PLANNERS
 from dohyo.agents.mcts.study.losses import CAUSES
 from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES
 from dohyo.agents.studies.arms import Arm
-from dohyo.agents.studies.claims import Claim, Judgement, judge_rows, of_ablation
+from dohyo.agents.studies.claims import Claim, Judgement, above, judge_rows, of_ablation
 from dohyo.agents.studies.rows import Row, by_arm
 from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claimed, claims_table, counted, fixed, rounded
+from dohyo.agents.studies.tables import claims_table, fixed, rounded
 from dohyo.evaluation.report.style import markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 
-
-def _higher(left: str, right: str, measure: str = "score") -> Claim:
-    return Claim(left, ">", right, measure)
-
-
+_above = partial(above, measure="score")
 CLAIMS: Final = (
     *of_ablation(
         6,
-        _higher("prior-learned", "prior-none"),
-        _higher("prior-crafted", "prior-learned"),
-        _higher("mbappe", "prior-crafted"),
-        _higher("mbappe", "prior-none"),
-        _higher("prior-learned", "prior-none", "collisions"),
-        _higher("thesis-prior-learned", "thesis-prior-none"),
-        _higher("thesis-prior-crafted", "thesis-prior-learned"),
-        _higher("thesis", "thesis-prior-crafted"),
-        _higher("thesis", "thesis-prior-none"),
-        _higher("thesis-prior-learned", "thesis-prior-none", "collisions"),
+        *_above("prior-learned", "prior-none"),
+        *_above("prior-crafted", "prior-learned"),
+        *_above("mbappe", "prior-crafted", "prior-none"),
+        *above("prior-learned", "prior-none", measure="collisions"),
+        *_above("thesis-prior-learned", "thesis-prior-none"),
+        *_above("thesis-prior-crafted", "thesis-prior-learned"),
+        *_above("thesis", "thesis-prior-crafted", "thesis-prior-none"),
+        *above("thesis-prior-learned", "thesis-prior-none", measure="collisions"),
     ),
     *of_ablation(
         7,
-        _higher("constraints-tree", "constraints-none"),
-        _higher("constraints-node", "constraints-none"),
-        _higher("mbappe", "constraints-none"),
-        _higher("mbappe", "constraints-tree"),
-        _higher("mbappe", "constraints-node"),
+        *_above("constraints-tree", "constraints-none"),
+        *_above("constraints-node", "constraints-none"),
+        *_above("mbappe", "constraints-none", "constraints-tree", "constraints-node"),
     ),
     *of_ablation(
         8,
-        _higher("predictor-idm", "predictor-constant_velocity"),
-        _higher("mbappe", "predictor-idm"),
-        _higher("mbappe", "predictor-constant_velocity"),
-        _higher("mbappe", "alone-learned"),
-        _higher("predictor-idm", "alone-idm"),
-        _higher("predictor-constant_velocity", "alone-constant_velocity"),
+        *_above("predictor-idm", "predictor-constant_velocity"),
+        *_above("mbappe", "predictor-idm", "predictor-constant_velocity", "alone-learned"),
+        *_above("predictor-idm", "alone-idm"),
+        *_above("predictor-constant_velocity", "alone-constant_velocity"),
     ),
-    *of_ablation(9, _higher("mbappe", "hold-0.1s")),
-    _higher("mbappe", "random-shooting"),
-    _higher("mbappe", "idm"),
-    _higher("mbappe", "choice-q"),
-    _higher("mbappe", "choice-visits"),
-    _higher("mbappe", "thesis-crafted"),
-    _higher("mbappe", "thesis-wheel"),
-    _higher("mbappe", "thesis"),
-    _higher("mbappe", "no-reuse"),
-    _higher("learned-everywhere", "mbappe"),
-    _higher("value-network", "mbappe"),
-    _higher("mbappe", "autopilot"),
-    _higher("pdm-closed", "idm"),
-    _higher("pdm-closed", "mbappe"),
-    _higher("pdm-closed", "pdm-published"),
+    *of_ablation(9, *_above("mbappe", "hold-0.1s")),
+    *_above("mbappe", "random-shooting", "idm", "choice-q", "choice-visits"),
+    *_above("mbappe", "thesis-crafted", "thesis-wheel", "thesis", "no-reuse"),
+    *_above("learned-everywhere", "mbappe"),
+    *_above("value-network", "mbappe"),
+    *_above("mbappe", "autopilot"),
+    *_above("pdm-closed", "idm", "mbappe", "pdm-published"),
 )
 """Claims on excerpts."""
 ROUTE_CLAIMS: Final = (
-    _higher("mbappe", "autopilot", "nocrash_success"),
-    _higher("mbappe", "autopilot", "driving_score"),
-    _higher("pdm-closed", "autopilot", "nocrash_success"),
-    _higher("pdm-closed", "autopilot", "driving_score"),
-    _higher("mbappe", "pdm-closed", "driving_score"),
+    Claim("mbappe", ">", "autopilot", "nocrash_success"),
+    Claim("mbappe", ">", "autopilot", "driving_score"),
+    Claim("pdm-closed", ">", "autopilot", "nocrash_success"),
+    Claim("pdm-closed", ">", "autopilot", "driving_score"),
+    Claim("mbappe", ">", "pdm-closed", "driving_score"),
 )
 """Claims on whole routes."""
 
@@ -104,7 +87,12 @@ def tables(sample: Sample, rows: Sequence[Row], arms: Mapping[str, Arm]) -> str:
     parts = (
         f"On {_what(sample)}:",
         arms_table(rows, arms, columns, reported=sample.benchmark == "val14"),
-        claim_table(rows, columns, CLAIMS if excerpts else ROUTE_CLAIMS),
+        claims_table(
+            judge_rows(CLAIMS if excerpts else ROUTE_CLAIMS, rows),
+            ("claim", "metric", "n"),
+            rounded,
+            {"metric": lambda one: columns[one.claim.measure]},
+        ),
         causes_table(rows),
     )
     return "\n\n".join(part for part in parts if part)
@@ -124,12 +112,6 @@ def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[st
 def judged(results: Results) -> list[Judgement]:
     """The claims on excerpts of recorded traffic."""
     return judge_rows(CLAIMS, [row for row in results.rows if row["benchmark"] == "val14"])
-
-
-def claim_table(rows: Sequence[Row], columns: Mapping[str, str], claims: Sequence[Claim]) -> str:
-    """A row per claim whose arms drove the same scenarios."""
-    before = {"claim": claimed, "metric": lambda one: columns[one.claim.measure], "n": counted}
-    return claims_table(judge_rows(claims, rows), before, rounded)
 
 
 def causes_table(rows: Sequence[Row]) -> str:

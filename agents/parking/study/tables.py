@@ -7,10 +7,10 @@ from typing import Final
 
 from dohyo.agents.parking.study.arms import ARMS, REACHED
 from dohyo.agents.parking.study.judging import LOTS
-from dohyo.agents.studies.claims import Claim, Judgement, judge_rows, of_ablation
+from dohyo.agents.studies.claims import Claim, of_ablation
 from dohyo.agents.studies.rows import Row, by_arm, grouped
-from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claimed, claims_section, mean_of, measured
+from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 
@@ -50,6 +50,8 @@ CLAIMS: Final = (
     Claim("graded", ">", "dppo-il", "aligned", "parking-complex"),
 )
 """Directions of the thesis's results."""
+judged = judging(CLAIMS)
+claims = claims_section(judged, ("claim", "measure"))
 
 
 def arms_table(results: Results) -> str:
@@ -63,14 +65,6 @@ def arms_table(results: Results) -> str:
             lines.append([arm, benchmark, *_trained(some), *means, said])
     heads = ["arm", "benchmark", "trainings", "steps", "steps to 90 %", *SHOWN.values(), "thesis: success, %"]
     return markdown(heads, lines) if lines else ""
-
-
-def judged(results: Results) -> list[Judgement]:
-    """Each direction of the thesis, on the lots that both arms drove."""
-    return judge_rows(CLAIMS, results.rows)
-
-
-claims = claims_section(judged, {"claim": claimed, "measure": measured})
 
 
 def of_blocks(values: Sequence[float]) -> Estimate:

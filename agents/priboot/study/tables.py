@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from dohyo.agents.priboot.study.arms import ARMS
-from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.claims import Claim
 from dohyo.agents.studies.rows import Row, by_place, infractions_per_km
-from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claimed, claims_section, counted, mean_of, rounded, where
+from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.tables import claims_section, mean_of, rounded
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
 
@@ -30,8 +30,8 @@ STARTS: Final[Mapping[str, str]] = {"starts": "starts, %", "false_starts": "fals
 """Shares of the standing moments of held-out drives at which the network starts, of those where the expert does and of
 the others."""
 CLAIMS: Final = tuple(
-    Claim("full", ">", arm, measure, network, ablation=19)
-    for network in ("nocrash", "leaderboard")
+    Claim("full", ">", arm, measure, where, ablation=19)
+    for where in ("nocrash", "leaderboard")
     for arm, measure in (
         ("no-augmentation", "route_completion"),
         ("no-augmentation", "driving_score"),
@@ -39,6 +39,10 @@ CLAIMS: Final = tuple(
         ("no-rules", "driving_score"),
         ("data-10", "driving_score"),
     )
+)
+judged = judging(CLAIMS)
+claims = claims_section(
+    judged, ("claim", "benchmark", "measure", "n"), rounded, {"measure": lambda one: MEASURES[one.claim.measure]}
 )
 SCORES: Final = (("IP", 2), ("DS, %", 1), ("IRS, L driven, %", 1), ("IRS, L route, %", 1))
 """Of `joined`, with their decimals."""
@@ -57,18 +61,6 @@ def arms_table(results: Results) -> str:
         lines.append([network, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
     heads = ["benchmark", "arm", "difference", *MEASURES.values(), *LOSSES.values(), *STARTS.values(), "drives"]
     return markdown([*heads, "thesis: DS / IRS / RC"], lines) if lines else ""
-
-
-def judged(results: Results) -> list[Judgement]:
-    """What the thesis claims of its arms, judged on the scenarios that both drove."""
-    return judge_rows(CLAIMS, results.rows)
-
-
-def _head(one: Judgement) -> str:
-    return MEASURES[one.claim.measure]
-
-
-claims = claims_section(judged, {"claim": claimed, "benchmark": where, "measure": _head, "n": counted}, rounded)
 
 
 def infractions_table(results: Results) -> str:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Final
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm, Reported
-from dohyo.agents.studies.claims import Claim, of_ablation
+from dohyo.agents.studies.claims import Claim, above, of_ablation
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 
 _ROOM: Final = Path(__file__).parents[1] / "configs"
@@ -53,20 +53,17 @@ _RIVALS: Final = ("drq", "sac-ae", "curl")
 CLAIMS: Final = (
     *of_ablation(
         15,
-        *(Claim("rlad", ">", arm, "success", where) for where in ("regular", "dense") for arm in _RIVALS),
+        *above("rlad", *_RIVALS, measure="success", where="regular"),
+        *above("rlad", *_RIVALS, measure="success", where="dense"),
         *(Claim(arm, ">", "drq-v2", "success", "regular") for arm in _RIVALS),
     ),
     *of_ablation(
         14,
-        Claim("rlad", ">", "no-waypoint-convolution", "success", "regular"),
-        Claim("rlad", ">", "no-light-loss", "success", "regular"),
-        Claim("rlad", ">", "no-local-mixing", "success", "regular"),
+        *above(
+            "rlad", "no-waypoint-convolution", "no-light-loss", "no-local-mixing", measure="success", where="regular"
+        ),
         Claim("twin", "<", "twin-no-waypoint-convolution", "lateral_m", TRAINING),
     ),
-    *of_ablation(
-        16,
-        Claim("rlad", ">", "small-encoder", "return", TRAINING),
-        Claim("rlad", ">", "large-encoder", "return", TRAINING),
-    ),
+    *of_ablation(16, *above("rlad", "small-encoder", "large-encoder", measure="return", where=TRAINING)),
 )
 """Directions of the thesis's results."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from dohyo.agents.endless_driving.study.system import System
+from dohyo.agents.endless_driving.study.system import study_of
 from dohyo.agents.rlad.study.arms import ARMS, CLAIMS
 from dohyo.agents.rlad.training import RLAD
 
-SYSTEM: Final = System("rlad", RLAD, dict(ARMS))
-STUDY: Final = SYSTEM.study("RLAD: its parts, its rivals, its encoder's size", Path(__file__).parents[1], CLAIMS)
+ROOM: Final = Path(__file__).parents[1]
+STUDY: Final = study_of("RLAD: its parts, its rivals, its encoder's size", ROOM, "rlad", RLAD, ARMS, CLAIMS)

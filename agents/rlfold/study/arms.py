@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final
 
 from dohyo.agents.endless_driving.study.arms import DrivingArm, Reported
-from dohyo.agents.studies.claims import Claim, of_ablation
+from dohyo.agents.studies.claims import Claim, above, of_ablation
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 
 _ROOM: Final = Path(__file__).parents[1] / "configs"
@@ -59,10 +59,8 @@ CLAIMS: Final = (
         *(Claim(left, ">", right, "success", "regular") for left, right in pairwise(_ORDER)),
         *(Claim(f"twin-{left}", ">", f"twin-{right}", "return", TRAINING) for left, right in pairwise(_ORDER)),
         Claim("twin-full", ">", "twin-far-sighted", "return", TRAINING),
-        *(Claim("empty-full", ">", f"empty-{name}", "success", "empty") for name in ("no-expert", "far-sighted")),
+        *above("empty-full", "empty-no-expert", "empty-far-sighted", measure="success", where="empty"),
     ),
-    *of_ablation(
-        18, Claim("full", ">", "steering", "success", "regular"), Claim("full", ">", "noisy", "success", "regular")
-    ),
+    *of_ablation(18, *above("full", "steering", "noisy", measure="success", where="regular")),
 )
 """Directions of the thesis's results."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from dohyo.agents.endless_driving.study.system import System
+from dohyo.agents.endless_driving.study.system import study_of
 from dohyo.agents.rlfold.study.arms import ARMS, CLAIMS
 from dohyo.agents.rlfold.training import RLFOLD
 
-SYSTEM: Final = System("rlfold", RLFOLD, dict(ARMS))
-STUDY: Final = SYSTEM.study("RLfOLD: its parts, and the quality of its expert", Path(__file__).parents[1], CLAIMS)
+ROOM: Final = Path(__file__).parents[1]
+STUDY: Final = study_of("RLfOLD: its parts, and the quality of its expert", ROOM, "rlfold", RLFOLD, ARMS, CLAIMS)

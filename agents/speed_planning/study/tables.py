@@ -7,9 +7,9 @@ from typing import Final
 
 from dohyo.agents.speed_planning.study.dissipation import DESIGNS
 from dohyo.agents.speed_planning.study.mornings import ARMS
-from dohyo.agents.studies.claims import Claim, Judgement, Relation, judge_rows
+from dohyo.agents.studies.claims import Claim, Judgement, Relation
 from dohyo.agents.studies.rows import Row, by_arm, matched
-from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.study import Results, judging
 from dohyo.agents.studies.tables import mean_of
 from dohyo.evaluation.report.style import markdown
 
@@ -40,11 +40,7 @@ CLAIMS: Final = [
     for arm, other in (*AGAINST_NONE, *BETTER_FORECAST)
     for metric, relation in COMPARED.items()
 ]
-
-
-def judged(results: Results) -> list[Judgement]:
-    """Every arm against none, and the effect of another forecast; all claims are judged together."""
-    return judge_rows(CLAIMS, results.rows)
+judged = judging(CLAIMS)
 
 
 def tables(results: Results) -> str:

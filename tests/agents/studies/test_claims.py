@@ -7,7 +7,7 @@ import pytest
 
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.claims import LEVEL, Claim, holm, judge, judge_rows, verdict
-from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, of_pairs, p_value
+from dohyo.agents.studies.crossed_bootstrap import Matched, estimate, p_value
 from dohyo.agents.studies.rows import Row
 
 
@@ -129,7 +129,7 @@ def test_the_p_value_is_that_of_the_interval():
     generator = np.random.default_rng(0)
     for shift in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6):
         differences = pairs(*generator.normal(shift, 1.0, 40))
-        found, p = estimate(differences, of_pairs), p_value(differences)
+        found, p = estimate(differences), p_value(differences)
         assert found.low is not None
         if abs(p - LEVEL) > 0.02:
             assert (p < LEVEL) == (found.low > 0.0)
@@ -152,7 +152,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say_with_many_trainings():
     for _ in range(200):
         effects = generator.normal(0, 1, (20, 1)) + generator.normal(0, 1, (1, 20)) + generator.normal(0, 1, (20, 20))
         crossed = {(f"m{i:02}",): dict(enumerate(row)) for i, row in enumerate((effects + 3.0).tolist())}
-        found = estimate(crossed, of_pairs)
+        found = estimate(crossed)
         assert found.low is not None
         assert found.high is not None
         held += found.low <= 3.0 <= found.high
