@@ -1,6 +1,7 @@
 """Study `gri`: rows 1 to 4 of the thesis's comparisons. The same command resumes trainings and judgements.
 
     python -m dohyo.agents.studies gri run --set runs=out/gri --arms pendulum-sac-p20 --trainings 0
+    python -m dohyo.agents.studies gri run --set runs=out/gri train=false     # judge what is trained so far
     python -m dohyo.agents.studies gri table --rows out/studies/gri
 
 A training is RUNS/ARM/seed-N, as `dohyo train gri` makes it. Its last policy is judged on episodes that no evaluation
