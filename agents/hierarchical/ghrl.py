@@ -21,6 +21,7 @@ from dohyo.agents.hierarchical.master import Master, parts, read_master
 from dohyo.agents.hierarchical.options.executor import OptionExecutor, OptionView
 from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.state.master_observation import OPTIONS, MasterObservation
+from dohyo.agents.learning.policies.exact import exact
 from dohyo.agents.rules.rules_only import RulesOnly
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.evaluation.settings import OneOf
@@ -59,10 +60,12 @@ class Ghrl(Agent):
         if arm == FLAT:
             policies = read_sub_policies(folder, (FLAT,))
             self._flat, self.files = policies.policies[FLAT], policies.files
+            self._answer = exact(self._flat.actor)
             state, self._steering = policies.state, policies.steering
         else:
             path = run_file(folder, MASTER, WEIGHTS)
             self._master, self.files = read_master(path), (path,)
+            self._answer = exact(self._master)
             state, self._steering = self._master.manner.state, self._master.manner.steering
         self.files = (*self.files, *(file for one in (rules, self._guard) if one is not None for file in one.files))
         self._outlook = MasterObservation(state, rules)
@@ -103,7 +106,7 @@ class Ghrl(Agent):
         """Action of the running option, of the rules, or of the flat policy."""
         outlook = self._outlook
         outlook.update(observation)
-        action = self._flat.act(outlook.state) if self._flat is not None else self._chosen()
+        action = self._chosen() if self._flat is None else self._answer(outlook.state[self._flat.rows.numpy()])
         self._ruled = outlook.critical
         if self._ruled:
             return outlook.obey_rules()
@@ -129,9 +132,7 @@ class Ghrl(Agent):
         outlook, conductor = self._outlook, self._conductor
         assert conductor is not None
         assert self._master is not None
-        with torch.no_grad():
-            answer = self._master(torch.from_numpy(outlook.vector())[None])[0].numpy()
-        q, beta, actions = parts(answer)
+        q, beta, actions = parts(self._answer(outlook.vector()))
         self._prospect = OptionView(q, beta, outlook.available, outlook.finished, outlook.critical)
         if conductor.ends(self._prospect, 0.5):
             conductor.begin(self._prospect)

@@ -21,7 +21,6 @@ from dohyo.agents.hierarchical.state.views import rows_seen
 from dohyo.agents.hierarchical.training.subpolicies import SubPolicyConfig
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.networks.policy import Actor
-from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 
 CONFIG, WEIGHTS = "config.toml", "best.safetensors"
@@ -41,13 +40,6 @@ class SubPolicy:
     actor: Actor
     rows: Tensor
     files: tuple[Path, ...]
-
-    def act(self, state: Float32Array) -> Float32Array:
-        """(2,) pedals and steering in [-1, 1], without exploration."""
-        with torch.no_grad():
-            seen = torch.from_numpy(state)[self.rows][None]
-            action: Float32Array = self.actor(seen)[0].numpy()
-        return action
 
 
 @dataclass(frozen=True, slots=True)

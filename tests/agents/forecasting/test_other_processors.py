@@ -2,17 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
-OLD_PROCESSOR = {
-    "ATEN_CPU_CAPABILITY": "default",
-    "MKL_CBWR": "COMPATIBLE",
-    "ONEDNN_MAX_CPU_ISA": "SSE41",
-    "OPENBLAS_CORETYPE": "Nehalem",
-}
-"""Makes the libraries of linear algebra take kernels without AVX."""
+from tests.agents.old_processor import printed_here_and_there
 
 PROGRAM = """
 import hashlib
@@ -27,12 +17,6 @@ for name in ("linear", "tsmixer", "sa-lstm", "sa-lstm-n-step", "sa-lstm-quantile
 
 
 def test_forecasts_are_the_same_with_the_kernels_of_an_old_processor() -> None:
-    environment = {name: value for name, value in os.environ.items() if name not in OLD_PROCESSOR}
-    here, old = (
-        subprocess.run(
-            [sys.executable, "-c", PROGRAM], env=some, capture_output=True, text=True, check=True
-        ).stdout.splitlines()
-        for some in (environment, environment | OLD_PROCESSOR)
-    )
+    here, old = printed_here_and_there(PROGRAM)
     assert len(here) == 5
     assert here == old

@@ -98,7 +98,7 @@ def test_it_drives_as_the_master_did_in_training(runs, arm):
             driven.append(env.world.egos.position[0])
     finally:
         env.close()
-    assert np.array_equal(trained, driven)
+    assert np.allclose(trained, driven, atol=1e-3), "it answers in double precision, and rounds"
     assert np.ptp(driven, axis=0).max() > 0.5
 
 
