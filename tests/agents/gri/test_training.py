@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-import signal
 from pathlib import Path
 
 import pytest
@@ -14,22 +13,17 @@ from dohyo.agents.gri.experts import DemonstratedTask
 from dohyo.agents.gri.training import GRI, GriRunConfig, demonstrations_of
 from dohyo.agents.learning.experience.demonstrations import INDEX, record_demonstrations
 from dohyo.agents.learning.files.card import read_cards, write_card
-from dohyo.agents.learning.files.report import Report, no_report
+from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.killed import killed_and_resumed
 from tests.agents.learning.problems import Point
-from tests.forked import dohyo
 
 ENVS = {"sac": "Point-v0", "ddpg": "Point-v0", "iqn": "Dial-v0"}
 SMALL = ("device=cpu", "tensorboard=false", "steps=160", "evaluate_every=80", "checkpoint_every=40", "episodes=2")
 SIZES = ("hidden=[8]", "batch=8", "round_steps=20", "learning_starts=20", "replay.capacity=2000")
-FILES = ("metrics.csv", "evaluations.csv", "policy.onnx", "best.onnx")
-
-
-class KilledError(Exception):
-    """The end of a process, as far as a run's folder shows."""
 
 
 def settings(algorithm: str) -> tuple[str, ...]:
@@ -51,38 +45,12 @@ def arguments(algorithm: str, experts: dict[str, Path]) -> tuple[str, ...]:
     return (*settings(algorithm), f"expert={experts[ENVS[algorithm]]}", "shown=3", "gri.p_demo=0.4")
 
 
-@pytest.mark.parametrize("algorithm", ["sac", "iqn"])
-def test_every_algorithm_learns_from_both_and_goes_on_to_the_bit(algorithm, experts, tmp_path):
-    def train(folder: Path, resume: bool, report=no_report) -> None:
-        config = read_settings(GriRunConfig, None, arguments(algorithm, experts))
-        GRI.train(config, TrainRequest("gri", folder, resume, report))
-
-    def killed(report: Report) -> None:
-        if report.steps == 100:
-            raise KilledError
-
-    train(tmp_path / "whole", resume=False)
-    with pytest.raises(KilledError):
-        train(tmp_path / "parts", resume=False, report=killed)
-    train(tmp_path / "parts", resume=True)
-    for name in FILES:
-        assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
-    with (tmp_path / "whole" / "metrics.csv").open() as file:
+@pytest.mark.parametrize("algorithm", ENVS)
+def test_every_algorithm_learns_from_both_and_a_killed_run_goes_on_to_the_bit(algorithm, experts, tmp_path):
+    whole = killed_and_resumed("gri", arguments(algorithm, experts), tmp_path)
+    with (whole / "metrics.csv").open() as file:
         shares = [float(row["replay_demonstrated"]) for row in csv.DictReader(file)]
     assert 0.0 < shares[-1] < 0.8
-
-
-def test_a_run_that_is_killed_gives_the_same_curve(experts, tmp_path):
-    given = [f"--set={one}" for one in (*arguments("ddpg", experts), "steps=600")]
-    whole, out = tmp_path / "whole", tmp_path / "killed"
-    assert dohyo("train", "gri", "--out", str(whole), *given).end() == 0
-    process = dohyo("train", "gri", "--out", str(out), *given)
-    process.wait_for(lambda: (out / "metrics.csv").exists() and len((out / "metrics.csv").read_text().split()) > 8)
-    assert process.end(signal.SIGKILL) == -signal.SIGKILL
-    assert len((out / "metrics.csv").read_text().split()) < 31, "it was killed before its end"
-    assert dohyo("train", "gri", "--out", str(out), "--resume").end() == 0
-    for name in FILES:
-        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
 
 
 def test_without_demonstrations_it_is_the_algorithm_alone(tmp_path):

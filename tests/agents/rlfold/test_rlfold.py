@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
 from scipy.stats import truncnorm
 from tensordict import TensorDict
 
@@ -21,8 +18,8 @@ from dohyo.agents.perception.encoders.waypoints import WayConv1D
 from dohyo.agents.rlfold.rlfold import DEVIATION, Rlfold, RlfoldConfig
 from dohyo.agents.rlfold.training import TOWN, RlfoldRunConfig, augmentation
 from dohyo.agents.rlfold.two_deviations import truncated_log_density
+from tests.agents.learning.killed import killed_and_resumed
 from tests.agents.learning.learners import learner, transitions
-from tests.forked import dohyo
 
 TASK = EndlessDriving(TownConfig(roads="one-route", view="state", history=1))
 SMALL = RlfoldConfig(hidden=(16,), batch=32)
@@ -127,24 +124,8 @@ def test_the_expert_takes_the_speed_where_the_gate_opens(tmp_path: Path, gate: s
         assert torch.equal(taken, (deviations > 0.8) & known)
 
 
-def test_a_run_killed_between_checkpoints_is_the_same_to_the_bit_and_keeps_its_labels(tmp_path: Path) -> None:
-    whole, out = tmp_path / "whole", tmp_path / "killed"
-    run = ("train", "tests.agents.rlfold.plane:PLANE")
-    assert dohyo(*run, "--out", str(whole)).end() == 0
-
-    def rounds() -> int:
-        path = out / "metrics.csv"
-        return len(list(csv.reader(path.open()))) - 1 if path.exists() else 0
-
-    killed = dohyo(*run, "--out", str(out))
-    killed.wait_for(lambda: rounds() >= 5)
-    assert killed.end(signal.SIGKILL) == -signal.SIGKILL
-    assert rounds() < len((whole / "metrics.csv").read_text().splitlines()) - 1
-    assert dohyo(*run, "--resume", "--out", str(out)).end() == 0
-    for name in ("metrics.csv", "evaluations.csv", "policy.onnx"):
-        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
-    one, other = load_file(out / "policy.safetensors"), load_file(whole / "policy.safetensors")
-    assert all(torch.equal(one[name], other[name]) for name in one | other)
+def test_a_killed_run_ends_bit_equal_to_one_that_was_not_and_keeps_its_labels(tmp_path: Path) -> None:
+    whole = killed_and_resumed("tests.agents.rlfold.plane:PLANE", [], tmp_path)
     entries = TensorDict.load_memmap(whole / "replay")
     acted = (entries["after"] > 0).nonzero().flatten()
     assert len(acted) == 600
