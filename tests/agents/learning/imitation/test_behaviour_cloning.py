@@ -13,30 +13,27 @@ from gymnasium.spaces import Box, Discrete
 from dohyo.agents.learning.experience.demonstrations import record_demonstrations
 from dohyo.agents.learning.files.card import digest, read_card
 from dohyo.agents.learning.files.report import no_report
-from dohyo.agents.learning.imitation.behaviour_cloning import (
-    CloningConfig,
-    ImitatingPolicy,
-    PolicyConfig,
-    cloning_loss,
-    cloning_trainer,
-)
+from dohyo.agents.learning.imitation.behaviour_cloning import ImitatingPolicy, PolicyConfig, cloning_loss
 from dohyo.agents.learning.networks.policy import Actor, actor_for
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.killed import killed_and_resumed
 from tests.agents.learning.problems import BEST_RETURN, Point
+from tests.agents.learning.toys import CLONING, PointCloningConfig
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy
-CLONING = cloning_trainer("a point that comes to rest", CloningConfig, lambda config: Point())
 
 
-def test_a_policy_of_recorded_episodes_drives_as_the_expert(tmp_path: Path):
-    data, out = tmp_path / "data", tmp_path / "run"
-    record_demonstrations(Point(), data, 10, expert="steps to the middle")
-    policy = PolicyConfig(loss="huber", hidden=(32,))
-    more = {"steps": 400, "evaluate_every": 200, "learning_rate": 1e-2, "tensorboard": False, "device": "cpu"}
-    config = CloningConfig(data=data, policy=policy, **more)  # type: ignore[arg-type]
-    shipped = CLONING.train(config, TrainRequest("cloning", out, False, no_report))
-    with (out / "metrics.csv").open() as file:
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data")
+    record_demonstrations(Point(), folder, 10, expert="steps to the middle")
+    return folder
+
+
+def test_a_policy_of_recorded_episodes_drives_as_the_expert(data: Path, tmp_path: Path):
+    shipped = CLONING.train(PointCloningConfig(data=data), TrainRequest("cloning", tmp_path, False, no_report))
+    with (tmp_path / "metrics.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["return"]]
     assert [row["steps"] for row in rows] == ["200", "400"]
     assert BEST_RETURN >= float(rows[-1]["return"]) > BEST_RETURN - 0.5
@@ -44,6 +41,11 @@ def test_a_policy_of_recorded_episodes_drives_as_the_expert(tmp_path: Path):
     assert (card.subject, card.steps, card.data_sha256) == ("point", 400, digest(data))
     assert card.metrics["return"] == float(rows[-1]["return"])  # type: ignore[index, call-overload]
     assert Actor.load(shipped).act(torch.tensor([0.1, 0.0]).numpy()) == pytest.approx(-0.1, abs=0.05)
+
+
+def test_a_killed_run_ends_bit_equal_to_one_that_was_not(data: Path, tmp_path: Path):
+    settings = [f"data={data}", "steps=40", "evaluate_every=15", "checkpoint_s=1e-9"]
+    killed_and_resumed("tests.agents.learning.toys:CLONING", settings, tmp_path)
 
 
 def actor(actions: Box | Discrete, squashed: bool = False):

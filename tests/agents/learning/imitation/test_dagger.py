@@ -1,4 +1,4 @@
-"""DAgger: it learns its expert, goes on where it stopped, and gives PPO a start."""
+"""DAgger: it learns its expert, goes on where it was killed, and gives PPO a start."""
 
 from __future__ import annotations
 
@@ -8,64 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
 from tensordict import TensorDict
 
 from dohyo.agents.learning.experience.collector import Collector
-from dohyo.agents.learning.files.report import Report, Reporter, no_report
-from dohyo.agents.learning.imitation.behaviour_cloning import Labels, PolicyConfig
-from dohyo.agents.learning.imitation.dagger import Dagger, DaggerConfig, DaggerRunConfig, dagger_trainer
-from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.learning.imitation.behaviour_cloning import Labels
+from dohyo.agents.learning.imitation.dagger import Dagger
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.algorithms.test_ppo import learner, trained
+from tests.agents.learning.killed import killed_and_resumed
 from tests.agents.learning.problems import BEST_RETURN, STEP, Point
-from tests.agents.learning.toys import POINT, SMALL, PointConfig
+from tests.agents.learning.toys import POINT, SMALL, PointConfig, PointDaggerConfig
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy
 IMITATING = {"imitated_steps": 2400, "gamma": 0.9, "initial_std": 0.3}
-QUICK = DaggerConfig(horizon=64, learning_rate=5e-3, batch=32, policy=PolicyConfig(loss="huber", hidden=(32,)))
+QUICK = PointDaggerConfig().dagger
 
 
-class PointDaggerConfig(DaggerRunConfig):
-    """A short run in one process."""
-
-    steps: int = 768
-    processes: int = 0
-    environments: int = 2
-    evaluate_every: int = 768
-    checkpoint_every: int = 256
-    tensorboard: bool = False
-    dagger: DaggerConfig = QUICK
-
-
-DAGGER = dagger_trainer("a point that comes to rest", PointDaggerConfig, lambda config: Point())
-
-
-def driven(out: Path, resume: bool = False, report: Reporter = no_report) -> list[dict[str, str]]:
-    DAGGER.train(PointDaggerConfig(), TrainRequest("point", out, resume, report))
-    with (out / "evaluations.csv").open() as file:
-        return list(csv.DictReader(file))
-
-
-def stopped_at(steps: int) -> Reporter:
-    def report(now: Report) -> None:
-        if now.steps >= steps:
-            raise KeyboardInterrupt
-
-    return report
-
-
-def test_it_learns_its_expert_and_goes_on_where_it_was_killed(tmp_path):
-    first, last = driven(tmp_path / "whole")
+def test_it_learns_its_expert_and_a_killed_run_goes_on_to_the_bit(tmp_path):
+    whole = killed_and_resumed("tests.agents.learning.toys:DAGGER", [], tmp_path)
+    with (whole / "evaluations.csv").open() as file:
+        first, last = csv.DictReader(file)
     assert float(first["return"]) < -15.0
     assert BEST_RETURN >= float(last["return"]) > BEST_RETURN - 0.5
-    with pytest.raises(KeyboardInterrupt):
-        driven(tmp_path / "part", report=stopped_at(500))
-    driven(tmp_path / "part", resume=True)
-    for name in ("metrics.csv", "evaluations.csv"):
-        assert (tmp_path / "whole" / name).read_text() == (tmp_path / "part" / name).read_text()
-    whole, part = (load_file(tmp_path / name / "policy.safetensors") for name in ("whole", "part"))
-    assert all(torch.equal(whole[name], part[name]) for name in whole)
 
 
 def test_the_experts_share_of_the_episodes_falls_and_every_step_is_labelled():

@@ -7,54 +7,34 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.learning.files.report import Report
-from dohyo.agents.learning.imitation.bco import BcoConfig, InverseDynamicsConfig
-from dohyo.agents.learning.runs.trainer import TrainRequest
-from dohyo.agents.parking.training.dppo_il import PARKING, DemonstrationsConfig, ParkingConfig
 from dohyo.agents.parking.training.task import ParkingTask
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.learning.killed import killed_and_resumed
 
-SMALL = ParkingConfig(
-    environments=4, lots=2, steps=64, evaluate_every=32, checkpoint_every=16, device="cpu", tensorboard=False,
-    scene="simple", reward="simple", bco=True, gail=True, curiosity=True,
-    demonstrations=DemonstrationsConfig(episodes=2),
-    cloning=BcoConfig(experience="demonstrated", inverse=InverseDynamicsConfig(epochs=1), passes=1),
+SMALL = (
+    "environments=4", "lots=2", "steps=64", "evaluate_every=32", "checkpoint_every=16", "device=cpu",
+    "tensorboard=false", "scene=simple", "reward=simple", "curiosity=true", "ppo.horizon=4", "ppo.hidden=[8]",
+    "ppo.batch=8", "sac.round_steps=4", "sac.hidden=[8]", "sac.batch=8", "sac.learning_starts=8",
+    "sac.updates_per_step=1", "sac.replay.capacity=40",
 )  # fmt: skip
-SMALL = SMALL.model_copy(update={"ppo": SMALL.ppo.model_copy(update={"horizon": 4, "hidden": (8,), "batch": 8})})
+IMITATING = (
+    "bco=true", "gail=true", "demonstrations.episodes=2", "cloning.inverse.epochs=1", "cloning.passes=1",
+)  # fmt: skip
 
 
-class KilledError(Exception):
-    """The end of a process, as far as a run's folder shows."""
+def columns(folder: Path) -> set[str]:
+    return set(next(csv.reader((folder / "metrics.csv").open())))
 
 
-def rows(folder: Path) -> list[list[str]]:
-    return list(csv.reader((folder / "metrics.csv").open()))
-
-
-def test_dppo_il_that_is_killed_and_resumed_equals_one_that_is_not(tmp_path):
-    def killed(report: Report) -> None:
-        if report.steps == 48:
-            raise KilledError
-
-    def train(folder: Path, resume: bool, report=lambda told: None) -> Path:
-        return PARKING.train(SMALL, TrainRequest("parking", folder, resume, report))
-
-    whole = train(tmp_path / "whole", resume=False)
-    with pytest.raises(KilledError):
-        train(tmp_path / "parts", resume=False, report=killed)
-    parts = train(tmp_path / "parts", resume=True)
-    assert parts.with_suffix(".onnx").read_bytes() == whole.with_suffix(".onnx").read_bytes()
-    assert rows(tmp_path / "parts") == rows(tmp_path / "whole")
-    assert {"gail_reward", "icm_reward"} <= set(rows(tmp_path / "whole")[0])
+def test_dppo_il_that_is_killed_ends_bit_equal_to_one_that_is_not(tmp_path):
+    whole = killed_and_resumed("parking", [*SMALL, *IMITATING], tmp_path)
+    assert {"gail_reward", "icm_reward"} <= columns(whole)
 
 
 @pytest.mark.parametrize("algorithm", ["poca", "sac"])
-def test_other_algorithms_learn_the_same_task(tmp_path, algorithm):
-    settings = {"algorithm": algorithm, "karts": 2, "bco": False, "gail": False, "steps": 16}
-    told: list[int] = []
-    plain = SMALL.model_copy(update={**settings, "sac": SMALL.sac.model_copy(update={"round_steps": 4})})
-    PARKING.train(plain, TrainRequest("parking", tmp_path, False, lambda report: told.append(report.steps)))
-    assert told[-1] == 16
+def test_so_do_other_algorithms_on_the_same_task(tmp_path, algorithm):
+    whole = killed_and_resumed("parking", [*SMALL, f"algorithm={algorithm}", "karts=2"], tmp_path)
+    assert {"poca": "icm_reward", "sac": "loss_critic"}[algorithm] in columns(whole)
 
 
 def test_karts_of_a_lot_share_it_and_a_curriculum_ends_in_the_task_itself():
