@@ -21,6 +21,7 @@ from dohyo.agents.driving import decisions
 from dohyo.agents.mcts.predictors import recording as motion
 from dohyo.agents.priboot import measurements
 from dohyo.agents.priboot.measurements import BlockTime, measured
+from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording.dataset import (
     SCHEMA_VERSION,
     VIEWS,
@@ -31,6 +32,7 @@ from dohyo.agents.priboot.recording.dataset import (
 )
 from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, displaced, drawn_displacement
 from dohyo.agents.priboot.recording.intention import intended
+from dohyo.agents.priboot.recording.takeover import Takeovers
 from dohyo.agents.priboot.view import SENSOR, packed
 from dohyo.agents.registry import resolve
 from dohyo.agents.shards import claim_folder
@@ -45,7 +47,7 @@ from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.sensors import Sensor, make_sensors
+from dohyo.sumo_networks.sensors import Observation, Sensor, make_sensors
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
@@ -81,6 +83,7 @@ class MomentRequest:
         every_s: Between two moments of one ego.
         episode_s: How long an episode lasts.
         demonstrator: Registered name of the agent that drives; its actions are acceleration and steering.
+        learner: ONNX file of a policy from which it takes over, instead of noise; "": none.
     """
 
     samples: int = 30_000
@@ -89,6 +92,7 @@ class MomentRequest:
     every_s: float = 0.3
     episode_s: float = 90.0
     demonstrator: str = "autopilot"
+    learner: str = ""
 
 
 def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], None] = lambda moments: None) -> int:
@@ -161,13 +165,14 @@ def record_episode(scenario: Scenario, order: MomentRequest) -> list[Moments]:
     names = [mission.name for mission in scenario.missions]
     agents = {name: demonstrator(order.demonstrator) for name in names}
     spec = agents[names[0]].spec
-    drives = [Drive(scenario, ego, noisy=ego % 3 != 0) for ego in range(len(names))]
+    drives = [Drive(scenario, ego, ego % 3 != 0, order.learner) for ego in range(len(names))]
+    sensors = dict.fromkeys((*spec.sensors, *(Priboot.spec.sensors if order.learner else ())))
     stride = max(round(order.every_s / TICK_S), 1)
-    with closing(DrivingEnv(scenario, spec.sensors, spec.control, reward=None)) as env:
+    with closing(DrivingEnv(scenario, tuple(sensors), spec.control, reward=None)) as env:
         for now in decisions(env, agents, round(order.episode_s / TICK_S)):
             for name, action in now.actions.items():
-                drive = drives[names.index(name)]
-                now.actions[name] = drive.tick(env.world, np.asarray(action), now.tick % stride == 0)
+                drive, seen = drives[names.index(name)], now.observations[name]
+                now.actions[name] = drive.tick(env.world, seen, np.asarray(action), now.tick % stride == 0)
     return [drive.moments() for drive in drives]
 
 
@@ -187,9 +192,11 @@ def demonstrator(name: str) -> Agent:
 class Drive:
     """One ego's drive as it is recorded."""
 
-    def __init__(self, scenario: Scenario, ego: int, noisy: bool) -> None:
+    def __init__(self, scenario: Scenario, ego: int, noisy: bool, learner: str = "") -> None:
         self._ego, self._rng = ego, np.random.default_rng([scenario.seed, SCHEMA_VERSION, ego])
-        self._bursts = Bursts(self._rng.spawn(1)[0]) if noisy else None
+        rng = self._rng.spawn(1)[0]
+        self._bursts = Bursts(rng) if noisy and not learner else None
+        self._takeovers = Takeovers(Priboot(policy=learner), scenario.missions[ego], rng) if noisy and learner else None  # type: ignore[abstract]
         self._sensors = make_sensors((SENSOR, *measurements.SENSORS), conditions=Conditions())
         self._blocked = BlockTime()
         self._poses: list[tuple[float, float, float]] = []
@@ -197,18 +204,22 @@ class Drive:
         self._moments: list[tuple[int, list[tuple[FloatArray, np.ndarray, Float32Array]]]] = []
         self._held: dict[int, FloatArray] = {}
 
-    def tick(self, world: World, action: FloatArray, keep: bool) -> FloatArray:
+    def tick(self, world: World, observation: Observation, action: FloatArray, keep: bool) -> FloatArray:
         """Notes one tick, as a moment if wanted; returns the action that the ego drives."""
         egos = world.egos
         speed = float(egos.speed[self._ego])
         self._blocked.update(speed)
         if keep:
             self._moments.append((len(self._poses), [self._view(world, by) for by in self._displacements(speed)]))
-        out = action if self._bursts is None else self._bursts.disturbed(action, speed)
-        if self._bursts is not None and self._bursts.stalls and speed < HELD_M_S:
-            self._held[len(self._poses)] = intended(action, speed)
+        out, noise = action, self._bursts or self._takeovers
+        if self._bursts is not None:
+            out = self._bursts.disturbed(action, speed)
+            if self._bursts.stalls and speed < HELD_M_S:
+                self._held[len(self._poses)] = intended(action, speed)
+        elif self._takeovers is not None:
+            out = self._takeovers.driven(action, observation)
         self._poses.append((*egos.position[self._ego].tolist(), float(egos.heading[self._ego])))
-        self._noisy.append(self._bursts is not None and self._bursts.active)
+        self._noisy.append(noise is not None and noise.active)
         return out
 
     def moments(self) -> Moments:

@@ -53,6 +53,7 @@ class TrainConfig(SupervisedConfig):
     """Settings of the training, on recorded demonstrations.
 
     Attributes:
+        added: Folders of further moments to learn from, such as those after takeovers; they validate nothing.
         steps: Updates.
         batch: Moments per update.
         learning_rate: Highest, after the warm-up; then it falls to zero along a cosine.
@@ -67,6 +68,7 @@ class TrainConfig(SupervisedConfig):
         validation_moments: Number used during training, evenly spread.
     """
 
+    added: tuple[Path, ...] = ()
     steps: Annotated[int, Field(gt=0)] = 3000
     batch: Annotated[int, Field(gt=0)] = 128
     learning_rate: Annotated[float, Field(gt=0)] = 1e-3
@@ -116,7 +118,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
     with closing(Run(order.name, order.out, config, order.resume, FREE | {"validation_moments"})) as run:
         torch.set_num_threads(1)
         torch.manual_seed(config.seed)
-        moments, held_out = load_split(config.data, "train"), load_split(config.data, "validation")
+        moments, held_out = load_split(config.data, "train", config.added), load_split(config.data, "validation")
         network = Priboot(config.picture)
         seen, held_out_seen = (seen_of(network, config, some) for some in (moments, held_out))
         chosen = some_drives(moments, config)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -66,8 +67,8 @@ class Pictures:
         return shard.layers[_different(shard)]
 
 
-def load_split(folder: Path, split: str) -> Split:
-    """Moments of "train" or "validation".
+def load_split(folder: Path, split: str, added: Sequence[Path] = ()) -> Split:
+    """Moments of "train" or "validation" of a folder, and of others that come to it.
 
     Raises:
         InvalidInputError: There are no moments, or a shard is damaged.
@@ -75,7 +76,7 @@ def load_split(folder: Path, split: str) -> Split:
     paths: list[Path] = []
     rows, measurements, waypoints, drives = [], [], [], []
     pictures = 0
-    for path in find_shards(folder, split, "priboot"):
+    for path in (path for one in (folder, *added) for path in find_shards(one, split, "priboot")):
         shard = load_shard(path)
         if not len(shard):
             continue

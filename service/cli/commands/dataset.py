@@ -69,12 +69,13 @@ def priboot(
     samples: Annotated[int, typer.Option(min=1, help="Least number of moments.")] = 30_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     demonstrator: Annotated[str, typer.Option(help="Agent that drives.")] = "autopilot",
+    learner: Annotated[str, typer.Option(help="ONNX policy from which it takes over, instead of noise.")] = "",
 ) -> None:
     """Records PRIBOOT's demonstrations on disturbed drives. Same arguments, same bytes."""
     columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed} of {task.total} moments"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("priboot", total=samples)
-        order = MomentRequest(samples=samples, seed=seed, demonstrator=demonstrator)
+        order = MomentRequest(samples=samples, seed=seed, demonstrator=demonstrator, learner=learner)
         moments = record_moments(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{moments} moments: {out.resolve()}", soft_wrap=True)
 
