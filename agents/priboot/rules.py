@@ -4,10 +4,9 @@ The network drives; the rules only brake, or weaken the throttle: at red and yel
 and construction in the way ahead. That lights are obeyed is therefore no skill of the network's.
 
 Source: Coelho 2024, section 5.3; the distances are those of its code. It measures between centres: we take the gap
-before the bumper and add half of the ego and half of a usual one of its kind, so that a bus is no nearer than it looks.
-Ours: the distance grows with what the ego needs to brake to the other's speed; what stands is in the way only where
-the network's waypoints lead into it, so that the ego may go round; what moves is so on the route, moved to where the
-ego is, too; and a light is braked for as hard as its distance asks, so that the ego does not stand far before the line.
+before the bumper and add half a car, so that a bus is no nearer than it looks. Ours: the distance grows with what the
+ego needs to brake to the other's speed, the way ahead is the route, moved to where the ego is, and a light is braked
+for as hard as its distance asks, so that the ego does not stand far before the line.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from dohyo.agents.priboot.measurements import TARGET_M
-from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors import Observation
 from dohyo.sumo_networks.sensors.path import BEHIND
@@ -27,16 +26,10 @@ from dohyo.sumo_networks.world import ActorKind, LightState
 SENSORS: Final = ("objects", "junctions_ahead")
 BANDS: Final = {"vehicle": (7.0, 15.0), "pedestrian": (5.5, 12.5), "construction": (4.0, 5.0)}
 """Distance of the hard stop, and distance from which the throttle is weakened, m."""
-HALF: Final = {"vehicle": 2.3, "pedestrian": 0.25, "construction": 0.2}
-"""Half the length of a usual one, m."""
 BRAKING, COMFORTABLE, HARDEST_YELLOW = 5.0, 2.5, 3.5
 """Decelerations: towards others, from which on it brakes for a line, and the largest for a yellow light, m/s^2."""
-LINE_M, MARGIN_M, MARGIN_STANDING_M = 1.5, 0.3, 0.1
-"""Distance to a stop line at which the ego stands, and width added on each side of the ego; beside cars and cones that
-stand the network may drive closely."""
-STANDS_M_S, SHORTEST_M, TURNS_M = 0.3, 1.0, 10.0
-"""Speed below which another one stands, shortest waypoints that tell where the ego goes, and length on which it turns
-back to the route's direction behind them."""
+LINE_M, MARGIN_M = 1.5, 0.3
+"""Distance to a stop line at which the ego stands, and width added on each side of the ego."""
 _VEHICLE = VehicleParameters()
 _CLASS = {int(ActorKind.PEDESTRIAN): "pedestrian", int(ActorKind.STATIC): "construction"}
 
@@ -58,9 +51,9 @@ class Verdict(NamedTuple):
 FREE: Final = Verdict(1.0, 0.0, "")
 
 
-def judge(observation: Observation, speed: float, waypoints: FloatArray) -> Verdict:
-    """The strictest rule for an ego at a speed [m/s] that intends to follow (4, 2) waypoints [m, ego frame]."""
-    verdicts = [_lights(observation["junctions_ahead"], speed), *_others(observation, speed, waypoints), FREE]
+def judge(observation: Observation, speed: float) -> Verdict:
+    """The strictest rule."""
+    verdicts = [_lights(observation["junctions_ahead"], speed), *_others(observation, speed), FREE]
     return min(verdicts, key=lambda verdict: (-verdict.brake, verdict.throttle))
 
 
@@ -77,23 +70,20 @@ def _lights(junctions: Float32Array, speed: float) -> Verdict:
     return FREE
 
 
-def _others(observation: Observation, speed: float, waypoints: FloatArray) -> list[Verdict]:
+def _others(observation: Observation, speed: float) -> list[Verdict]:
     """A verdict for each other actor in the way."""
-    objects, route = observation["objects"], way_ahead(observation["path"])
-    intended, out = way_intended(route, waypoints), []
+    objects, way = observation["objects"], way_ahead(observation["path"])
+    out = []
     for kind, x, y, heading, their_speed, length, width, _ in objects[objects[:, 0] >= 0].tolist():
         if x < -_VEHICLE.length or math.hypot(x, y) > TARGET_M + length:
             continue
-        stands = their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN
-        ways, margin = ((intended,), MARGIN_STANDING_M) if stands else ((intended, route), MARGIN_M)
-        box = (x, y, heading, length, width + 2 * margin)
-        gaps = [gap for way in ways if (gap := gap_on(way, *box)) is not None]
-        if not gaps:
+        gap = gap_on(way, x, y, heading, length, width)
+        if gap is None:
             continue
         name = _CLASS.get(int(kind), "vehicle")
         closing = max(speed - max(their_speed * math.cos(heading), 0.0), 0.0)
         stop, free = (bound + closing**2 / (2 * BRAKING) for bound in BANDS[name])
-        distance = min(gaps) + _VEHICLE.length / 2 + HALF[name]
+        distance = gap + _VEHICLE.length / 2
         if distance < stop:
             out.append(Verdict(0.0, 1.0, name))
         elif distance < free:
@@ -107,51 +97,19 @@ def way_ahead(path: Float32Array) -> Float32Array:
     return np.asarray(points - points[0], dtype=np.float32)
 
 
-def way_intended(route: Float32Array, waypoints: FloatArray) -> Float32Array:
-    """(31, 2) the way ahead that leads through the waypoints; the route where these hardly leave the ego.
-
-    Args:
-        route: (31, 2) of `way_ahead`.
-        waypoints: (4, 2) m, ego frame.
-
-    Returns:
-        The route, moved sideways: to the waypoints as far as they reach, and behind them by what their last piece leads
-        away from the route until the ego has turned back.
-    """
-    last = int(np.linalg.norm(route - waypoints[-1], axis=1).argmin())
-    if math.hypot(*waypoints[-1]) < SHORTEST_M or last == 0:
-        return route
-    along = _directions(route)
-    points = np.vstack([np.zeros(2), waypoints])
-    near = np.linalg.norm(route[:, None] - points[None], axis=2).argmin(axis=0)
-    left = np.column_stack([-along[:, 1], along[:, 0]])
-    aside = ((points - route[near]) * left[near]).sum(axis=1)
-    metres = np.arange(len(route))
-    slope = (aside[-1] - aside[-2]) / max(float(near[-1] - near[-2]), 1.0)
-    beyond = np.clip(metres - last, 0.0, TURNS_M)
-    offset = np.interp(metres, near, aside) + slope * (beyond - beyond**2 / (2 * TURNS_M))
-    return np.asarray(route + offset[:, None] * left, dtype=np.float32)
-
-
-def _directions(way: Float32Array) -> Float32Array:
-    """(N, 2) unit vectors along a way."""
-    along = np.diff(way, axis=0, append=2 * way[-1:] - way[-2:-1])
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
-    return along
-
-
 def gap_on(way: Float32Array, x: float, y: float, heading: float, length: float, width: float) -> float | None:
-    """Free distance before the front bumper to a box, along the way, m; None if the ego passes beside the box."""
+    """Free distance before the front bumper to a box, along the way, m; None if the box is not in the way."""
     cos, sin = math.cos(heading), math.sin(heading)
     u, v = np.array([1, 1, -1, -1, 0]) * length / 2, np.array([1, -1, 1, -1, 0]) * width / 2
     corners = np.column_stack([x + u * cos - v * sin, y + u * sin + v * cos])
     apart = np.linalg.norm(way[:, None] - corners[None], axis=2)
     near = apart.argmin(axis=0)
-    along = _directions(way)
+    along = np.diff(way, axis=0, append=2 * way[-1:] - way[-2:-1])
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
     offset = corners - way[near]
     across = along[near, 0] * offset[:, 1] - along[near, 1] * offset[:, 0]
     forward = near + (along[near] * offset).sum(axis=1)
-    reach = _VEHICLE.width / 2
+    reach = _VEHICLE.width / 2 + MARGIN_M
     if across.min() > reach or across.max() < -reach or forward.max() < 0.0 or forward.min() >= TARGET_M:
         return None
     return max(float(forward.min()) - _VEHICLE.length / 2, 0.0)
@@ -161,12 +119,3 @@ def straight_ahead(path: Float32Array, metres: float, most: float) -> bool:
     """Whether the route's next metres turn by less than an angle [rad] from the ego's heading."""
     x, y = way_ahead(path)[math.ceil(metres)]
     return bool(abs(math.atan2(y, x)) < most)
-
-
-def is_free(observation: Observation, metres: float) -> bool:
-    """Whether nothing stands on the route within so many metres of the bumper."""
-    objects, route = observation["objects"], way_ahead(observation["path"])
-    standing = objects[(objects[:, 0] >= 0) & (objects[:, 4] < STANDS_M_S) & (objects[:, 1] > 0.0)]
-    boxes = ((*row[1:4], row[5], row[6] + 2 * MARGIN_STANDING_M) for row in standing.tolist())
-    gaps = (gap_on(route, *box) for box in boxes)
-    return not any(gap is not None and gap < metres for gap in gaps)

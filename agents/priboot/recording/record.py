@@ -1,7 +1,9 @@
 """Recording: a demonstrator drives, with events of the leaderboard on half of its routes, and noise on most of them.
 
-    dohyo dataset priboot --out out/priboot/demonstrations --samples 80000
-    dohyo dataset priboot --out out/priboot/of-pdm --samples 80000 --demonstrator pdm-closed
+    dohyo dataset priboot --out out/priboot/demonstrations --samples 34000
+    dohyo dataset priboot --out out/priboot/of-pdm --samples 34000 --demonstrator pdm-closed
+    dohyo dataset priboot --out out/priboot/obstacles --samples 20000 --seed 2 --obstacles
+    dohyo dataset priboot --out out/priboot/takeovers --samples 15000 --seed 1 --learner out/priboot/full/priboot.onnx
 
 Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. An
 interrupted recording goes on where it stopped, and the same order gives the same bytes.
@@ -41,7 +43,7 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.events.auto_events import auto_events
+from dohyo.sumo_networks.events.auto_events import EVERY_M, auto_events
 from dohyo.sumo_networks.events.registry import Event
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -69,6 +71,8 @@ OBSTACLES = (
     "vehicle_opens_door",
 )
 """Kinds of events whose lane must be left."""
+OFTEN_M = (60.0, 120.0)
+"""Smallest and largest distance between two obstacles where routes have nothing else."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
@@ -84,6 +88,7 @@ class MomentRequest:
         episode_s: How long an episode lasts.
         demonstrator: Registered name of the agent that drives; its actions are acceleration and steering.
         learner: ONNX file of a policy from which it takes over, instead of noise; "": none.
+        obstacles: Whether every route has obstacles in its lane, one each 60 to 120 m, and nothing else.
     """
 
     samples: int = 30_000
@@ -93,6 +98,7 @@ class MomentRequest:
     episode_s: float = 90.0
     demonstrator: str = "autopilot"
     learner: str = ""
+    obstacles: bool = False
 
 
 def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], None] = lambda moments: None) -> int:
@@ -138,9 +144,7 @@ def _recorded(order: MomentRequest, out: Path, network: str, number: int) -> lis
 def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
     """The scenario of one episode: missions and traffic as in the motion dataset, with events on every other route.
 
-    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too. On half of
-    the routes with events these are obstacles in the lane: of all kinds they are a fifth, and a learner of so few ways
-    round them stops for good.
+    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too.
 
     Raises:
         InvalidInputError: The network has too few missions.
@@ -149,12 +153,12 @@ def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
     network = load_network(name)
     events: list[Event] = []
     for place, mission in enumerate(drawn.missions):
-        if place % 2 != number % 2:
+        if place % 2 != number % 2 and not order.obstacles:
             continue
         try:
             seed = int(np.random.SeedSequence(drawn.seed, spawn_key=(place,)).generate_state(1)[0])
-            kinds = OBSTACLES if (place // 2 + number) % 2 == 0 else None
-            events += auto_events(network, plan_route(network, mission), seed, kinds, ego=mission.name)
+            kinds, every = (OBSTACLES, OFTEN_M) if order.obstacles else (None, EVERY_M)
+            events += auto_events(network, plan_route(network, mission), seed, kinds, every, mission.name)
         except InvalidInputError:  # no kind fits on a short route
             continue
     return drawn.model_copy(update={"name": f"priboot-{name}-{number}", "events": tuple(events)})

@@ -33,7 +33,7 @@ from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.perception.drives import Column
 from dohyo.agents.perception.encoders.base import as_float
 from dohyo.agents.perception.feature_cache import cached_features
-from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE
+from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE, TARGET, TARGET_M, TARGET_SCALE
 from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot, before_ego
 from dohyo.agents.priboot.training.views import Pictures, Split, load_split
 from dohyo.agents.priboot.view import colours_of, masks_of
@@ -42,11 +42,13 @@ MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m", "starts", "
 STANDS_M_S, GOES_M, STARTS_M, STAYS_M = 0.3, 2.0, 1.0, 0.1
 """Speed of an ego that stands; how far ahead the last waypoint is where the expert goes, the network starts, and the
 expert stays."""
+STRAIGHT_M, ASIDE_M = 1.5, 0.5
+"""How far the route 30 m ahead is from straight on, and the expert in two seconds from that."""
 FEATURES = "features"
 """Folder of the cached feature maps, in that of the demonstrations."""
 
 Seen = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 112, 32) pixels before the ego in [0, 1]."""
+"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 48, 32) pixels before the ego in [0, 1]."""
 
 
 class TrainConfig(SupervisedConfig):
@@ -63,6 +65,7 @@ class TrainConfig(SupervisedConfig):
         displaced: Share of the moments that are seen from a displaced pose; 0: no augmentation.
         speed_weight: Weight of the speed's loss.
         share: Of the drives.
+        leaving: How often a moment counts in which the expert leaves a straight way, since these are one in fifty.
         picture: What the trunk reads: colours, frozen with ImageNet's weights, or masks, from scratch.
         validate_every: Steps.
         validation_moments: Number used during training, evenly spread.
@@ -78,6 +81,7 @@ class TrainConfig(SupervisedConfig):
     displaced: Share = 0.5
     speed_weight: Annotated[float, Field(ge=0)] = 0.05
     share: Annotated[float, Field(gt=0, le=1)] = 1.0
+    leaving: Annotated[int, Field(gt=0)] = 1
     picture: PictureKind = "colours"
     validate_every: Annotated[int, Field(gt=0)] = 500
     validation_moments: Annotated[int, Field(gt=0)] = 3000
@@ -194,7 +198,14 @@ def some_drives(moments: Split, config: TrainConfig) -> Tensor:
     drives = np.unique(moments.drive)
     wanted = max(round(config.share * len(drives)), 1)
     kept = np.random.default_rng(config.seed).permutation(drives)[:wanted]
-    return torch.from_numpy(np.flatnonzero(np.isin(moments.drive, kept)))
+    rows = torch.from_numpy(np.flatnonzero(np.isin(moments.drive, kept)))
+    return torch.cat([rows, rows[leaves(moments)[rows]].repeat(config.leaving - 1)])
+
+
+def leaves(moments: Split) -> Tensor:
+    """(M,) whether the expert goes aside where the route goes straight on."""
+    target, end = moments.measurements[:, 0, TARGET] * TARGET_SCALE, moments.waypoints[:, 0, -1]
+    return (target[:, 1].abs() < STRAIGHT_M) & (target[:, 0] > TARGET_M - STRAIGHT_M) & (end[:, 1].abs() > ASIDE_M)
 
 
 def validate(network: Priboot, moments: Split, seen: Seen, index: Tensor, config: TrainConfig) -> dict[str, float]:

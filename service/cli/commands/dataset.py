@@ -70,12 +70,15 @@ def priboot(
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     demonstrator: Annotated[str, typer.Option(help="Agent that drives.")] = "autopilot",
     learner: Annotated[str, typer.Option(help="ONNX policy from which it takes over, instead of noise.")] = "",
+    obstacles: Annotated[bool, typer.Option(help="Obstacles on all routes, and nothing else.")] = False,
 ) -> None:
     """Records PRIBOOT's demonstrations on disturbed drives. Same arguments, same bytes."""
     columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed} of {task.total} moments"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("priboot", total=samples)
-        order = MomentRequest(samples=samples, seed=seed, demonstrator=demonstrator, learner=learner)
+        order = MomentRequest(
+            samples=samples, seed=seed, demonstrator=demonstrator, learner=learner, obstacles=obstacles
+        )
         moments = record_moments(order, out, lambda done: progress.update(bar, completed=done))
     console.print(f"{moments} moments: {out.resolve()}", soft_wrap=True)
 

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from dohyo.agents.learning.files.card import read_card
 from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.mcts.predictors import recording as motion
+from dohyo.agents.priboot.measurements import TARGET
 from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording import record as recording
 from dohyo.agents.priboot.recording.dataset import Moments, load_shard
@@ -26,7 +28,7 @@ from dohyo.agents.priboot.recording.record import (
     record_moments,
     scenario,
 )
-from dohyo.agents.priboot.training.train import TrainConfig, train
+from dohyo.agents.priboot.training.train import TrainConfig, some_drives, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -68,6 +70,26 @@ def test_no_network_that_judges_is_recorded() -> None:
     judged = {cell.network for name in ("leaderboard", "nocrash") for cell in load_benchmark(name).cells}
     assert not {"adlershof", "town-test"} & set(recording.NETWORKS)
     assert {"adlershof", "town-test"} <= judged
+
+
+def test_routes_may_have_obstacles_and_nothing_else() -> None:
+    events = scenario(dataclasses.replace(ORDER, egos=4, obstacles=True), "town-train", 0).events
+    assert {event.kind for event in events} <= set(recording.OBSTACLES)
+    assert len({event.ego for event in events}) >= 3, "on most routes"
+    assert len(events) > len(scenario(dataclasses.replace(ORDER, egos=4), "town-train", 0).events)
+
+
+def test_moments_count_more_often_in_which_the_expert_leaves_a_straight_way(data: Path) -> None:
+    moments = load_split(data, "train")
+    moments.measurements[:, 0, TARGET] = torch.tensor([1.0, 0.0])
+    moments.waypoints[:, 0, -1, 1] = 0.0
+    moments.waypoints[3, 0, -1, 1] = 2.0
+    moments.measurements[4, 0, TARGET] = torch.tensor([0.7, 0.7])
+    moments.waypoints[4, 0, -1, 1] = 2.0
+    rows = some_drives(moments, TrainConfig(data=data, leaving=4)).tolist()
+    assert rows.count(3) == 4
+    assert rows.count(4) == 1, "the route turns, too"
+    assert len(rows) == len(moments) + 3
 
 
 def test_an_interrupted_recording_goes_on_with_the_same_bytes(
@@ -127,7 +149,7 @@ def test_a_held_moment_goes_and_a_standing_one_does_not() -> None:
     held = Drive(scenario(ORDER, "town-train", 0), 0, noisy=True)
     world = straight_road().with_ego(x=50.0).world()
     for tick in range(400):
-        held.tick(world, np.array([2.0, 0.0]), tick % 5 == 0)
+        held.tick(world, {}, np.array([2.0, 0.0]), tick % 5 == 0)
     moments = held.moments()
     assert len(moments)
     assert {round(float(far), 1) for far in moments.waypoints[:, 0, -1, 0]} == {0.0, 3.6}
