@@ -1,6 +1,6 @@
 """Results of trainings, read from RUNS/ARM/seed-N/TASK, and their means over seeds.
 
-    runs/ghrl/seed-0/lane/{config.toml,metrics.csv,evaluations.csv}, runs/ghrl/seed-1/lane/..., runs/hrl/seed-0/...
+    runs/ghrl/seed-0/lane/{config.toml,evaluations.csv}, runs/ghrl/seed-1/lane/..., runs/hrl/seed-0/...
 
 An interval over seeds is Student's; a single seed has the interval of its own evaluation, over held-out episodes.
 """
@@ -55,13 +55,11 @@ class TrainingRun:
         seed: Of the training.
         imitated: Steps before the first round, in which the rules were imitated.
         evaluations: (E,) by column of evaluations.csv, E at least 1; NaN for empty cells.
-        rounds: (R,) by column of metrics.csv.
     """
 
     seed: int
     imitated: int
     evaluations: Columns
-    rounds: Columns
 
     def held_out(self, measure: str, steps: Sequence[float]) -> list[Estimate]:
         """Measure at some steps, with its interval over episodes if it has one; linear between evaluations.
@@ -139,14 +137,14 @@ def read_run(folder: Path, seed: int) -> TrainingRun | None:
     """
     try:
         config = tomllib.loads((folder / "config.toml").read_text())
-        evaluations, rounds = (columns(folder / f"{name}.csv") for name in ("evaluations", "metrics"))
+        evaluations = columns(folder / "evaluations.csv")
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"'{folder}' is no run: {error}") from error
     if not len(evaluations.get("steps", ())):
         return None
     if missing := {"return", "success"} - evaluations.keys():
         raise InvalidInputError(f"'{folder / 'evaluations.csv'}': expected columns {', '.join(sorted(missing))}")
-    return TrainingRun(seed, int(config.get("ppo", {}).get("imitated_steps", 0)), evaluations, rounds)
+    return TrainingRun(seed, int(config.get("ppo", {}).get("imitated_steps", 0)), evaluations)
 
 
 def over_seeds(seeds: Sequence[Estimate], measure: str) -> Estimate:

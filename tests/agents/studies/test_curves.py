@@ -21,8 +21,7 @@ def a_run(seed: int, *returns: float, imitated: int = 4000) -> TrainingRun:
     values = np.array(returns)
     columns = {"steps": 4000.0 * np.arange(1, len(values) + 1), "episodes": np.full(len(values), 20.0)}
     columns |= {"return": values, "return_low": values - 5.0, "return_high": values + 7.0}
-    rounds = {"steps": 100.0 * np.arange(10), "return": np.array([np.nan, *range(1, 10)])}
-    return TrainingRun(seed, imitated, MappingProxyType(columns), MappingProxyType(rounds))
+    return TrainingRun(seed, imitated, MappingProxyType(columns))
 
 
 THREE = [a_run(0, 50.0, 90.0), a_run(1, 50.0, 100.0), a_run(2, 50.0, 110.0)]
