@@ -65,7 +65,7 @@ class TrainConfig(SupervisedConfig):
         displaced: Share of the moments that are seen from a displaced pose; 0: no augmentation.
         speed_weight: Weight of the speed's loss.
         share: Of the drives.
-        leaving: How often a moment counts in which the expert leaves a straight way, since these are one in fifty.
+        leaving: How often a moment counts in which the expert leaves a straight way, since these are one in thirty.
         picture: What the trunk reads: colours, frozen with ImageNet's weights, or masks, from scratch.
         validate_every: Steps.
         validation_moments: Number used during training, evenly spread.
@@ -153,7 +153,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         )
         measures = fit(job, run, lambda step, row: order.report(Report(step, config.steps, row["loss"], "loss")))
         export(network, network.space(), run.folder / "priboot", {"steps": str(config.steps)})
-        measures = {**measures, "moments": len(chosen)}
+        measures = {**measures, "moments": len(chosen), "leaving": int(leaves(moments).sum())}
         run.write_card("priboot", PRIBOOT.summary, config.steps, measures, config.data / "train")
         return run.folder / "priboot.onnx"
 
