@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Protocol
 
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.control import AccelerationSteering
+from dohyo.sumo_networks.sensors import Observation
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
@@ -50,6 +52,21 @@ def displaced(world: World, ego: int, by: FloatArray) -> World:
     return dataclasses.replace(world, egos=dataclasses.replace(world.egos, position=position, heading=heading))
 
 
+class Disturbance(Protocol):
+    """What takes an ego from where its demonstrator would be.
+
+    Attributes:
+        active: Whether the last action was disturbed.
+        stalls: Whether that held an ego which could go.
+    """
+
+    active: bool
+    stalls: bool
+
+    def disturbed(self, action: FloatArray, speed: float, observation: Observation) -> FloatArray:
+        """(2,) acceleration and steering that the ego drives, given the demonstrator's."""
+
+
 class Bursts:
     """Swerves, stalls and late starts, with pauses in which the expert comes back.
 
@@ -67,7 +84,7 @@ class Bursts:
         self._left, self._stood = round(rng.uniform(*PAUSE_S) / TICK_S), 0
         self._noise, self._brakes = np.zeros(2), 0.0
 
-    def disturbed(self, action: FloatArray, speed: float) -> FloatArray:
+    def disturbed(self, action: FloatArray, speed: float, observation: Observation) -> FloatArray:
         """Disturbed acceleration and steering of one tick."""
         late = self._starts_late(action, speed)
         if self._left == 0 or late:

@@ -32,7 +32,7 @@ from dohyo.agents.priboot.recording.dataset import (
     Moments,
     load_shard,
 )
-from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, displaced, drawn_displacement
+from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, Disturbance, displaced, drawn_displacement
 from dohyo.agents.priboot.recording.intention import intended
 from dohyo.agents.priboot.recording.takeover import Takeovers
 from dohyo.agents.priboot.view import SENSOR, packed
@@ -169,7 +169,7 @@ def record_episode(scenario: Scenario, order: MomentRequest) -> list[Moments]:
     names = [mission.name for mission in scenario.missions]
     agents = {name: demonstrator(order.demonstrator) for name in names}
     spec = agents[names[0]].spec
-    drives = [Drive(scenario, ego, ego % 3 != 0, order.learner) for ego in range(len(names))]
+    drives = [Drive(scenario, ego, disturbance(order, scenario, ego)) for ego in range(len(names))]
     sensors = dict.fromkeys((*spec.sensors, *(Priboot.spec.sensors if order.learner else ())))
     stride = max(round(order.every_s / TICK_S), 1)
     with closing(DrivingEnv(scenario, tuple(sensors), spec.control, reward=None)) as env:
@@ -193,14 +193,25 @@ def demonstrator(name: str) -> Agent:
     return agent
 
 
+def disturbance(order: MomentRequest, scenario: Scenario, ego: int) -> Disturbance | None:
+    """What disturbs an ego; none for every third."""
+    rng = _generator(scenario, ego).spawn(1)[0]
+    if ego % 3 == 0:
+        return None
+    if not order.learner:
+        return Bursts(rng)
+    return Takeovers(make_agent(resolve("priboot"), {"policy": order.learner}), scenario.missions[ego], rng)
+
+
+def _generator(scenario: Scenario, ego: int) -> np.random.Generator:
+    return np.random.default_rng([scenario.seed, SCHEMA_VERSION, ego])
+
+
 class Drive:
     """One ego's drive as it is recorded."""
 
-    def __init__(self, scenario: Scenario, ego: int, noisy: bool, learner: str = "") -> None:
-        self._ego, self._rng = ego, np.random.default_rng([scenario.seed, SCHEMA_VERSION, ego])
-        rng = self._rng.spawn(1)[0]
-        self._bursts = Bursts(rng) if noisy and not learner else None
-        self._takeovers = Takeovers(Priboot(policy=learner), scenario.missions[ego], rng) if noisy and learner else None  # type: ignore[abstract]
+    def __init__(self, scenario: Scenario, ego: int, noise: Disturbance | None) -> None:
+        self._ego, self._rng, self._noise = ego, _generator(scenario, ego), noise
         self._sensors = make_sensors((SENSOR, *measurements.SENSORS), conditions=Conditions())
         self._blocked = BlockTime()
         self._poses: list[tuple[float, float, float]] = []
@@ -215,13 +226,10 @@ class Drive:
         self._blocked.update(speed)
         if keep:
             self._moments.append((len(self._poses), [self._view(world, by) for by in self._displacements(speed)]))
-        out, noise = action, self._bursts or self._takeovers
-        if self._bursts is not None:
-            out = self._bursts.disturbed(action, speed)
-            if self._bursts.stalls and speed < HELD_M_S:
-                self._held[len(self._poses)] = intended(action, speed)
-        elif self._takeovers is not None:
-            out = self._takeovers.driven(action, observation)
+        noise = self._noise
+        out = action if noise is None else noise.disturbed(action, speed, observation)
+        if noise is not None and noise.stalls and speed < HELD_M_S:
+            self._held[len(self._poses)] = intended(action, speed)
         self._poses.append((*egos.position[self._ego].tolist(), float(egos.heading[self._ego])))
         self._noisy.append(noise is not None and noise.active)
         return out

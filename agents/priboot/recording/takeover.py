@@ -24,7 +24,10 @@ class Takeovers:
 
     Attributes:
         active: Whether the learner drove the last tick.
+        stalls: Never.
     """
+
+    stalls = False
 
     def __init__(self, learner: Agent, mission: Mission, rng: np.random.Generator) -> None:
         """Starts with the demonstrator.
@@ -37,7 +40,7 @@ class Takeovers:
         self._learner, self._mission, self._rng, self.active = learner, mission, rng, False
         self._left = round(rng.uniform(*DEMONSTRATOR_S) / TICK_S)
 
-    def driven(self, action: FloatArray, observation: Observation) -> FloatArray:
+    def disturbed(self, action: FloatArray, speed: float, observation: Observation) -> FloatArray:
         """(2,) acceleration and steering of who drives this tick, given the demonstrator's."""
         if self._left == 0:
             self.active = not self.active
@@ -46,7 +49,7 @@ class Takeovers:
         self._left -= 1
         if not self.active:
             return action
-        return accelerated(np.asarray(self._learner.act(observation)), float(observation["speedometer"][0]))
+        return accelerated(np.asarray(self._learner.act(observation)), speed)
 
 
 def accelerated(pedals: FloatArray, speed: float) -> FloatArray:

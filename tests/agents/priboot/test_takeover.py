@@ -26,7 +26,7 @@ def test_learner_and_demonstrator_drive_in_turn(tmp_path: Path) -> None:
     takeovers = Takeovers(learner, ROAD.mission, np.random.default_rng(0))
     seen, stretches = observed(learner, ROAD.world()), []
     for _ in range(1000):
-        action = takeovers.driven(ASKED, seen)
+        action = takeovers.disturbed(ASKED, 5.0, seen)
         stretches.append(takeovers.active)
         assert (action[0] < -1.0) if takeovers.active else (action is ASKED), "the learner's waypoints stand"
     turns = [(active, len(list(group)) * TICK_S) for active, group in groupby(stretches)][:-1]

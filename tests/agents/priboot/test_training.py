@@ -115,7 +115,7 @@ def test_a_demonstrator_steers_and_accelerates() -> None:
 def test_noise_is_swerves_and_stalls_and_leaves_braking_alone() -> None:
     def answers(acceleration: float) -> np.ndarray:
         noise = Bursts(np.random.default_rng(0))
-        return np.array([noise.disturbed(np.array([acceleration, 0.0]), 8.0) for _ in range(2000)])
+        return np.array([noise.disturbed(np.array([acceleration, 0.0]), 8.0, {}) for _ in range(2000)])
 
     free, braking = answers(0.0), answers(-6.0)
     stalls, swerves = free[:, 0] <= -2.0, free[:, 1] != 0.0
@@ -129,8 +129,8 @@ def test_an_ego_that_could_go_on_after_a_stop_is_held_for_half_of_the_times() ->
     def held(stands_s: float, seed: int) -> int:
         noise = Bursts(np.random.default_rng(seed))
         for _ in range(round(stands_s / TICK_S)):
-            noise.disturbed(np.array([-1.0, 0.0]), 0.0)
-        return sum(noise.disturbed(np.array([2.0, 0.0]), 0.0)[0] < 0.0 for _ in range(10))
+            noise.disturbed(np.array([-1.0, 0.0]), 0.0, {})
+        return sum(noise.disturbed(np.array([2.0, 0.0]), 0.0, {})[0] < 0.0 for _ in range(10))
 
     after_a_stop = [held(3.0, seed) for seed in range(40)]
     assert 8 < sum(ticks == 10 for ticks in after_a_stop) < 32
@@ -146,7 +146,8 @@ def test_a_held_ego_is_told_where_the_expert_would_go() -> None:
 
 
 def test_a_held_moment_goes_and_a_standing_one_does_not() -> None:
-    held = Drive(scenario(ORDER, "town-train", 0), 0, noisy=True)
+    order = scenario(ORDER, "town-train", 0)
+    held = Drive(order, 0, Bursts(np.random.default_rng(0)))
     world = straight_road().with_ego(x=50.0).world()
     for tick in range(400):
         held.tick(world, {}, np.array([2.0, 0.0]), tick % 5 == 0)
