@@ -117,8 +117,8 @@ class Study(Generic[O]):
         if not cells:
             raise InvalidInputError("expected arms, trainings and benchmarks of the study, got a choice without cells")
         given, earlier = options.model_dump(mode="json"), read_results(out).facts
-        before = earlier.get("options", {})
-        if given | before != given:  # options that are newer than the rows may have any value
+        before = earlier.get("options", given)
+        if _defaults(self.options) | before != given:  # rows from before there was an option had its default
             raise InvalidInputError(f"'{out}' has rows of other options: expected {before}; choose another --out")
         self.prepare(options, cells, workers)
         origin = {"options": given, "sessions": [*earlier.get("sessions", ()), surroundings()]}
@@ -128,6 +128,11 @@ class Study(Generic[O]):
         for _, some in groupby(sorted(cells, key=self.phase), self.phase):
             run(out / ROWS, some, work, workers=workers, together=self.together, fresh=self.fresh, progress=progress)
         _write_facts(out, {**origin, **self.facts(options)})
+
+
+def _defaults(options: type[Config]) -> Mapping[str, Any]:
+    """Options that have a default, with it, as facts have them."""
+    return options.model_construct().model_dump(mode="json")
 
 
 def judging(claims: Sequence[Claim], **how: Any) -> Callable[[Results], list[Judgement]]:

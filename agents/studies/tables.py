@@ -21,7 +21,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 R = TypeVar("R")
-Columns = Mapping[str, Callable[[Judgement], str]]
+ClaimColumns = Mapping[str, Callable[[Judgement], str]]
 """Cells of a claim, by head."""
 PAGE: Final = "RESULTS.md"
 
@@ -31,7 +31,7 @@ def each_training(one: Judgement) -> str:
     return ", ".join(f"{mean:+.0f}" for mean in one.trainings.values())
 
 
-COLUMNS: Final[Columns] = MappingProxyType(
+COLUMNS: Final[ClaimColumns] = MappingProxyType(
     {
         "claim": lambda one: str(one.claim),
         **dict.fromkeys(("where", "on", "benchmark", "policy"), lambda one: one.claim.where),
@@ -51,7 +51,7 @@ def claims_section(
     judged: Callable[[R], Sequence[Judgement]],
     heads: Sequence[str] = ("claim", "where", "measure"),
     shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
-    more: Columns = MappingProxyType({}),
+    more: ClaimColumns = MappingProxyType({}),
 ) -> Callable[[R], str]:
     """Section with the verdicts on a study's claims, see `claims_table`."""
     return lambda results: claims_table(judged(results), heads, shown, more)
@@ -61,7 +61,7 @@ def claims_table(
     judged: Sequence[Judgement],
     heads: Sequence[str],
     shown: Callable[[Judgement], str] = lambda one: interval(one.difference),
-    more: Columns = MappingProxyType({}),
+    more: ClaimColumns = MappingProxyType({}),
 ) -> str:
     """A row per claim; empty without any.
 

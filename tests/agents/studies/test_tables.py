@@ -111,9 +111,11 @@ def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
         main(["ghrl", "run", "--arms", "rules", "--only", "precrash", "--out", str(tmp_path)])
 
 
-def test_an_option_that_is_newer_than_the_rows_refuses_none_of_them(tmp_path: Path) -> None:
+def test_rows_from_before_there_was_an_option_had_its_default(tmp_path: Path) -> None:
     (tmp_path / "facts.json").write_text('{"options": {}}')
     study = replace(study_named("ghrl"), work=one_row)
+    with pytest.raises(InvalidInputError, match="has rows of other options"):
+        study.run(tmp_path, ["runs=elsewhere"], chosen=lambda cell: cell.arm == "rules")
     study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
     assert read_results(tmp_path).facts["options"] == {"runs": "runs/study"}
 
