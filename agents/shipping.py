@@ -14,8 +14,7 @@ import json
 from pathlib import Path
 from typing import Final
 
-from dohyo.agents.learning.files.card import Card, digest, read_card, write_card
-from dohyo.agents.learning.files.command import typed
+from dohyo.agents.learning.files.card import digest, read_card, write_card
 from dohyo.agents.registry import GROUP, TRAINABLE
 from dohyo.evaluation.agent import AgentSpec, make_agent
 from dohyo.evaluation.entry import load_entry
@@ -53,17 +52,9 @@ def ship(name: str, run: Path, root: Path = ROOT) -> Path:
     shipped = root / "agents" / entry.split(".")[2] / "checkpoints" / f"{name}.onnx"
     shipped.parent.mkdir(exist_ok=True)
     write_atomically(shipped, policy.read_bytes())
-    changes = {"files": {shipped.name: digest(shipped)}, "command": _command(run, card)}
-    write_card(shipped.parent, name, card.model_copy(update=changes))
+    write_card(shipped.parent, name, card.model_copy(update={"files": {shipped.name: digest(shipped)}}))
     _register(name, entry, agent.spec, root)
     return shipped
-
-
-def _command(run: Path, card: Card) -> str:
-    """Command of a training; a card has only __main__.py of a module, the run has its path."""
-    if not card.command.startswith("__main__.py"):
-        return card.command
-    return typed(json.loads((run / "run.json").read_text())["sessions"][0]["command"])
 
 
 def _register(name: str, entry: str, spec: AgentSpec, root: Path) -> None:

@@ -39,12 +39,15 @@ class Ghrl(Agent):
         files: Files that decide its actions, beside its code.
     """
 
-    def __init__(self, arm: Annotated[str, OneOf(ARMS)] = "ghrl-r", checkpoint: str | Path | None = None) -> None:
+    def __init__(
+        self, arm: Annotated[str, OneOf(ARMS)] = "ghrl-r", checkpoint: str | Path | None = None, lines: bool = True
+    ) -> None:
         """Reads the networks.
 
         Args:
             arm: Of `ARMS`.
             checkpoint: Folder of the runs; None: the shipped ones.
+            lines: Whether GHRL-R's rules drive before a closed line, too; the thesis's RSS knows no lines.
 
         Raises:
             UnknownNameError: There is no such arm.
@@ -68,7 +71,7 @@ class Ghrl(Agent):
             self._answer = exact(self._master)
             state, self._steering = self._master.manner.state, self._master.manner.steering
         self.files = (*self.files, *(file for one in (rules, self._guard) if one is not None for file in one.files))
-        self._outlook = MasterObservation(state, rules)
+        self._outlook = MasterObservation(state, rules, lines)
         self.files = (*self.files, *self._outlook.encoder.files)
         if self._master is not None and self._master.size != self._outlook.encoder.size:
             raise InvalidInputError(

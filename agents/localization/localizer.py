@@ -15,7 +15,7 @@ from typing import Concatenate, ParamSpec
 
 import numpy as np
 
-from dohyo.agents.localization.filters.base import Filter, FilterNoise, InitialState, Innovation
+from dohyo.agents.localization.filters.base import Filter, FilterNoise, InitialState
 from dohyo.agents.localization.filters.es_ekf import EsEkf
 from dohyo.agents.localization.filters.lowpass import LowPass
 from dohyo.agents.localization.filters.measurements import AntennaPosition, LevelRoad, PointVelocity
@@ -156,11 +156,6 @@ class Localizer:
     def fixes(self) -> list[JudgedFix]:
         """Every fix since the filter runs, outliers included."""
         return [] if self._corrector is None else self._corrector.judged
-
-    @property
-    def innovations(self) -> list[Innovation]:
-        """Of every fix since the filter runs, outliers included."""
-        return [fix.innovation for fix in self.fixes]
 
     @property
     def rejected(self) -> int:

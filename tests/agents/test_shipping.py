@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dohyo.agents.endless_driving.task import TownConfig
-from dohyo.agents.learning.files.card import read_card, write_card
+from dohyo.agents.learning.files.card import read_card
 from dohyo.agents.rlad.agent import Rlad
 from dohyo.agents.shipping import ROOT, ship
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -40,17 +40,6 @@ def test_weights_are_shipped_with_their_card_and_the_name_is_registered_once(roo
     assert (declared["track"], declared["control"]) == (spec.track, spec.control)
     assert tuple(declared["sensors"]) == spec.sensors
     assert list(json.loads((root / LISTS[2]).read_text())["rlad"]["properties"]) == ["policy"]
-
-
-def test_the_card_has_the_command_as_one_types_it(root: Path) -> None:
-    drawn_policy(run := root / "run", TownConfig())
-    arguments = ["rlad", "run", "--set", "runs=/home/me/dohyo/out/rlad", "--out", "/elsewhere/rows"]
-    command = ["/home/me/dohyo/dohyo/agents/studies/__main__.py", *arguments]
-    (run / "run.json").write_text(json.dumps({"sessions": [{"command": command}]}))
-    card = read_card(run / "best.onnx")
-    write_card(run, "best", card.model_copy(update={"command": " ".join(["__main__.py", *arguments])}))
-    typed = "python -m dohyo.agents.studies rlad run --set runs=out/rlad --out /elsewhere/rows"
-    assert read_card(ship("rlad", run, root)).command == typed
 
 
 def test_what_does_not_drive_is_not_shipped(root: Path) -> None:

@@ -37,14 +37,15 @@ class MasterObservation:
         finished: Whether the running option has reached its goal.
     """
 
-    def __init__(self, state: StateConfig, rules: RulesOnly | None = None) -> None:
+    def __init__(self, state: StateConfig, rules: RulesOnly | None = None, lines: bool = True) -> None:
         """Loads the state's encoder.
 
         Args:
             state: Configuration of the state.
             rules: Drive in critical intervals.
+            lines: Whether an interval before a closed line is critical, too.
         """
-        self.encoder, self.rules, self._lines = StateEncoder(state), rules, LineMonitor()
+        self.encoder, self.rules, self._lines = StateEncoder(state), rules, LineMonitor() if lines else None
         self.sensors = tuple(dict.fromkeys((*SENSORS, *self.encoder.sensors)))
         self.seen: Observation = {}
         self.believed: Observation = {}
@@ -70,13 +71,15 @@ class MasterObservation:
         self.available: BoolArray = np.zeros(len(OPTIONS), dtype=np.bool_)
         self.finished, self._fresh, self._ticks = False, True, 0
         self._course, self._was_critical = Course(), False
-        self._lines.reset()
+        if self._lines is not None:
+            self._lines.reset()
         self._followed: Manoeuvre | None = None
 
     @property
     def critical(self) -> bool:
         """Whether the rules drive."""
-        return self.rules is not None and (self.rules.watch.critical or self._lines.critical)
+        before_line = self._lines is not None and self._lines.critical
+        return self.rules is not None and (self.rules.watch.critical or before_line)
 
     @property
     def offset(self) -> float:
@@ -107,6 +110,7 @@ class MasterObservation:
         self._was_critical = self.critical
         if self.rules is not None:
             self.rules.observe(self.seen)
+        if self._lines is not None:
             self._lines.update(speed, self.seen["junctions_ahead"])
 
     def follow(self, option: Manoeuvre) -> None:

@@ -25,8 +25,8 @@ from dohyo.agents.studies.study import Study
 from dohyo.evaluation.agent import Agent
 
 
-def _ghrl(arm: str, trained: str, isolates: str) -> Arm:
-    return Arm("ghrl", MappingProxyType({"arm": arm}), trained, isolates)
+def _ghrl(arm: str, trained: str, isolates: str, lines: bool = False) -> Arm:
+    return Arm("ghrl", MappingProxyType({"arm": arm, "lines": lines}), trained, isolates)
 
 
 ARMS: Mapping[str, Arm] = MappingProxyType(
@@ -35,6 +35,7 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "hrl": _ghrl("hrl", "hrl", "PPO alone"),
         "ghrl": _ghrl("ghrl", "ghrl", "imitation and guidance"),
         "ghrl-r": _ghrl("ghrl-r", "ghrl", "rules drive in critical intervals"),
+        "ghrl-r-lines": _ghrl("ghrl-r", "ghrl", "rules drive before closed lines, too", lines=True),
         "ghrl-r-trained": _ghrl("ghrl-r", "ghrl-r", "its master was trained while rules drove in critical intervals"),
         "ghrl-s": _ghrl("ghrl-s", "ghrl", "rules as a shield at all times"),
         "flat": _ghrl("flat", "flat", "one policy, PPO alone"),
@@ -59,8 +60,9 @@ def cells(options: Options) -> list[Cell]:
         Block(("flat-guided",), (0, 1), three),
         Block(("flat", "ghrl-pictures", "ghrl-r-pictures"), (0,), three),
         Block(("ghrl-s",), (0,), two),
-        Block(("ghrl-r",), (0,), places_of(WHOLE)),
+        Block(("ghrl-r", "ghrl-r-lines"), (0,), places_of((PRECRASH, *WHOLE))),
         Block(("ghrl-r",), TRAININGS, UNSEEN_TRAFFIC.places()),
+        Block(("ghrl-r-lines",), (0,), UNSEEN_TRAFFIC.places()),
     )
     return cells_of(blocks)
 

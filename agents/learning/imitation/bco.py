@@ -26,9 +26,8 @@ from dohyo.agents.learning.imitation.behaviour_cloning import Labels, Loss, clon
 from dohyo.agents.learning.networks.modules import ObservationEncoder
 from dohyo.agents.learning.networks.policy import PpoActor
 from dohyo.agents.learning.networks.vectors import ActionVector
+from dohyo.agents.learning.runs.config import Positive
 from dohyo.sumo_networks.config import Config
-
-Positive = Annotated[int, Field(gt=0)]
 
 
 class InverseDynamicsConfig(Config):

@@ -18,6 +18,7 @@ from dohyo.agents.learning.files.report import Report
 from dohyo.agents.learning.networks.modules import ObservationEncoder
 from dohyo.agents.learning.networks.policy import Actor, EncodedPolicy, PpoActor, actor_for, distribution_at
 from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.runs.config import Positive
 from dohyo.agents.learning.runs.evaluation import evaluate
 from dohyo.agents.learning.runs.run import Run
 from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
@@ -28,7 +29,6 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 HUBER_BETA = 0.1
 """Error, in [-1, 1]^A, from which Huber's loss is linear."""
-Positive = Annotated[int, Field(gt=0)]
 Loss = Literal["likelihood", "huber"]
 
 

@@ -22,7 +22,7 @@ from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.imitation.behaviour_cloning import ImitatingPolicy, Labels, PolicyConfig, cloning_loss
 from dohyo.agents.learning.networks.policy import Actor
 from dohyo.agents.learning.policies.export import Exportable
-from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.runs.config import Positive, RunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import train_task
@@ -30,8 +30,6 @@ from dohyo.agents.learning.tasks.task import Array, Task
 from dohyo.sumo_networks.arrays import BoolArray, IntArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
-
-Positive = Annotated[int, Field(gt=0)]
 
 
 class DaggerConfig(Config):

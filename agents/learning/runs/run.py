@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shlex
 import signal
 import subprocess
 import sys
@@ -31,6 +30,7 @@ import torch
 
 from dohyo.agents.learning.files.card import UNKNOWN, Card, digest, weights_of, write_card
 from dohyo.agents.learning.files.checkpoint import load_checkpoint, save_checkpoint
+from dohyo.agents.learning.files.command import typed
 from dohyo.agents.learning.files.metrics import Board, Number, Table
 from dohyo.agents.learning.files.settings import as_toml, differences, read_settings
 from dohyo.agents.learning.runs.config import BaseRunConfig, RunConfig
@@ -72,7 +72,7 @@ class Run(Generic[C_co]):
         self._check(resume, free)
         self._held = ExitStack()
         self._held.enter_context(held(folder))
-        for scrap in folder.glob(".*.tmp"):  # left by a session that was killed during a write
+        for scrap in folder.rglob(".*.tmp"):  # left by a session that was killed during a write
             scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
         self.steps_before: int = self.state["steps"] if self.state else 0
@@ -136,7 +136,7 @@ class Run(Generic[C_co]):
             files=weights_of(self.folder, model),
             subject=subject,
             trainer=self.trainer,
-            command=_command(self._sessions[0]["command"]),
+            command=typed(self._sessions[0]["command"]),
             commits=commits or UNKNOWN,
             uncommitted=any(one["uncommitted"] for one in self._sessions) if commits else UNKNOWN,
             config=self.config.model_dump(mode="json"),
@@ -249,11 +249,6 @@ def surroundings() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
-
-
-def _command(arguments: Sequence[str]) -> str:
-    """Command line, without the folder of the program."""
-    return shlex.join([Path(arguments[0]).name, *arguments[1:]])
 
 
 def _git(*arguments: str) -> str | None:

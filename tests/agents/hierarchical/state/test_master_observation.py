@@ -19,8 +19,8 @@ def ego(x: float = 100.0, **more: float) -> Scene:
     return straight_road().with_ego(x=x, speed=8.0, **more)
 
 
-def opened(scene: Scene, rules: RulesOnly | None = None) -> MasterObservation:
-    outlook = MasterObservation(TWIN, rules)
+def opened(scene: Scene, rules: RulesOnly | None = None, lines: bool = True) -> MasterObservation:
+    outlook = MasterObservation(TWIN, rules, lines)
     outlook.reset(scene.mission, 0)
     shown(outlook, scene)
     return outlook
@@ -100,6 +100,13 @@ def test_when_it_is_critical_the_rules_brake_and_without_rules_nothing_is_critic
     assert ruled.critical
     assert ruled.obey_rules()[0] <= -5.0
     assert not alone.critical
+
+
+def test_a_closed_line_is_critical_unless_lines_are_unknown():
+    scene = lit_crossing().with_ego(x=-20.0, speed=10.0).with_lights(LightState.RED)
+    assert opened(scene, RulesOnly()).critical
+    assert not opened(scene, RulesOnly(), lines=False).critical
+    assert not opened(scene).critical
 
 
 def test_an_option_gets_what_it_wants():

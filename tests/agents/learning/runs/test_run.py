@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import signal
 import sys
 import time
@@ -81,6 +82,17 @@ def test_checkpoints_are_the_newest_two(folder):
         "checkpoint-000000001024.pt",
     ]
     assert not list(folder.glob(".*.tmp"))
+
+
+def test_what_a_killed_session_had_begun_to_write_is_gone_in_every_folder(folder, tmp_path, monkeypatch):
+    out = tmp_path / "again"
+    shutil.copytree(folder, out)
+    scraps = [out / ".policy.onnx.7.tmp", out / "demonstrations" / "episodes" / ".0000.npz.7.tmp"]
+    for scrap in scraps:
+        scrap.parent.mkdir(parents=True, exist_ok=True)
+        scrap.write_bytes(b"half")
+    assert dohyo(monkeypatch, "train", TOY, "--out", str(out), "--resume") == 0
+    assert not any(scrap.exists() for scrap in scraps)
 
 
 def test_events_tell_what_the_rows_tell(folder):
