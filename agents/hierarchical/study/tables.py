@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
-from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, estimate, of_shares
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_shares
 from dohyo.agents.studies.rows import Row, by_arm, by_place, grouped, is_lost, matched
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import COLUMNS, claims_table
@@ -44,6 +44,32 @@ def unseen_section(results: Results) -> str:
     rows = [row for row in results.rows if row["seed"] != 0]
     arms = [*grouped(rows, "arm")]
     return f"{success_table(rows, arms)}\n\n{failure_table(rows, arms)}" if rows else ""
+
+
+def lines_section(left: str, right: str) -> Callable[[Results], str]:
+    """Success of two arms that differ by a setting alone, and the paired differences; "" without both."""
+
+    def section(results: Results) -> str:
+        rows = rows_of(results, (left, right))
+        if len({row["arm"] for row in rows}) < 2:
+            return ""
+        heads = ["paired difference, points", *grouped(rows, "benchmark")]
+        told = {"success": "NoCrash success", "lawful": "lawful success"}
+        lines = [
+            [
+                f"{name}, {left} less {right}",
+                *(interval(estimate(_apart(some, left, right, measure))) for some in grouped(rows, "benchmark").values()),
+            ]
+            for measure, name in told.items()
+        ]
+        parts = (success_table(rows, (left, right)), failure_table(rows, (left, right)), markdown(heads, lines))
+        return "\n\n".join(parts)
+
+    return section
+
+
+def _apart(rows: Sequence[Row], left: str, right: str, measure: str) -> Matched:
+    return difference(percent(rows, left, measure), percent(rows, right, measure))
 
 
 def tables(rows: Sequence[Row], arms: Sequence[str]) -> str:

@@ -136,3 +136,17 @@ def test_arms_that_never_drove_have_no_column_and_empty_tables_are_left_out():
         "| NoCrash success, % | autopilot |",
         "| benchmark | arm | drives | failures | red lights run | lawful success, % | lost, not counted |",
     ]
+
+
+def test_two_arms_that_differ_by_a_setting_are_told_with_their_paired_difference():
+    section = tables.lines_section("ghrl-r-lines", "ghrl-r-no-lines")
+    mine = drives_of("ghrl-r-lines", {0: [1, 1, 1, 0]})
+    other = [
+        {**row, "infractions": ["red_light"] if number < 2 else []}
+        for number, row in enumerate(drives_of("ghrl-r-no-lines", {0: [1, 1, 1, 0]}))
+    ]
+    found = section(Results([*mine, *other], {}))
+    success, lawful = rows(found[found.index("| paired difference") :])
+    assert success == ["NoCrash success, ghrl-r-lines less ghrl-r-no-lines", "0 [0, 0] n=4"]
+    assert lawful[1].startswith("50.0 [")
+    assert section(Results(mine, {})) == ""
