@@ -53,15 +53,14 @@ def lines_section(left: str, right: str) -> Callable[[Results], str]:
         rows = rows_of(results, (left, right))
         if len({row["arm"] for row in rows}) < 2:
             return ""
-        heads = ["paired difference, points", *grouped(rows, "benchmark")]
+        benchmarks = grouped(rows, "benchmark")
+
+        def differences(measure: str) -> list[str]:
+            return [interval(estimate(_apart(some, left, right, measure))) for some in benchmarks.values()]
+
         told = {"success": "NoCrash success", "lawful": "lawful success"}
-        lines = [
-            [
-                f"{name}, {left} less {right}",
-                *(interval(estimate(_apart(some, left, right, measure))) for some in grouped(rows, "benchmark").values()),
-            ]
-            for measure, name in told.items()
-        ]
+        lines = [[f"{name}, {left} less {right}", *differences(measure)] for measure, name in told.items()]
+        heads = ["paired difference, points", *benchmarks]
         parts = (success_table(rows, (left, right)), failure_table(rows, (left, right)), markdown(heads, lines))
         return "\n\n".join(parts)
 
