@@ -8,8 +8,8 @@ Source: Coelho 2024, section 5.3, and the sizes of its code: 256 numbers of the 
 measurements, 288 to 256 to 256 to 128, a cell of 128. Ours: the trunk keeps the places of its feature maps, where the
 thesis tunes all of EfficientNet-B0 and reads its 1,000 logits, which we cannot afford on two cores. Few numbers
 are kept of each place, and more near the ego: with all of them it knew its drives by heart. A place is 6 m wide, and a
-light 2 m: the frozen trunk hardly tells its colour. So a few convolutions, which learn with the head, read the pixels
-before the ego.
+light 2 m: the frozen trunk hardly tells its colour, nor a car that stands from one that drives. So a few convolutions,
+which learn with the head, read the pixels before the ego, as far as it needs to brake at 50 km/h.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ KEPT, KEPT_NEAR, PICTURE, HIDDEN = 8, 32, 256, 128
 """Numbers of each place of the maps, of each place near the ego, of the picture, and of the cell."""
 NEAR_ROWS, NEAR_COLUMNS = slice(3, 8), slice(2, 6)
 """Places from 5 m behind to 27 m ahead of the ego, and 13 m to each side."""
-BEFORE_ROWS, BEFORE_COLUMNS = slice(72, 120), slice(48, 80)
-"""Pixels from 2 m behind to 17 m ahead of the ego's centre, and 6 m to each side."""
+BEFORE_ROWS, BEFORE_COLUMNS = slice(8, 120), slice(48, 80)
+"""Pixels from 2 m behind to 43 m ahead of the ego's centre, and 6 m to each side."""
 BEFORE: Final = (16, 32, 32)
 """Channels of the convolutions that read them."""
 DROPPED: Final = 0.3
@@ -117,7 +117,7 @@ class Head(nn.Module):
 
         Args:
             maps: (B, 8960).
-            before: (B, L, 48, 32) pixels before the ego, in [0, 1], see `before_ego`.
+            before: (B, L, 112, 32) pixels before the ego, in [0, 1], see `before_ego`.
             measurements: (B, 11).
         """
         placed = maps.reshape(-1, CHANNELS, ROWS, COLUMNS) / SCALE
@@ -135,7 +135,7 @@ class Head(nn.Module):
 
 
 def before_ego(pictures: T) -> T:
-    """(..., 48, 32) what is before the ego in (..., 160, 128) pictures."""
+    """(..., 112, 32) what is before the ego in (..., 160, 128) pictures."""
     return pictures[..., BEFORE_ROWS, BEFORE_COLUMNS]
 
 

@@ -19,7 +19,7 @@ from dohyo.agents.priboot import measurements, rules
 from dohyo.agents.priboot.control import STRAIGHT_M, STRAIGHT_RAD, WaypointControl
 from dohyo.agents.priboot.measurements import BlockTime, measured
 from dohyo.agents.priboot.recording.dataset import WAYPOINTS
-from dohyo.agents.priboot.rules import FREE, straight_ahead
+from dohyo.agents.priboot.rules import FREE, RUN_UP_M, standing_gap, straight_ahead
 from dohyo.agents.priboot.view import SENSOR, colours_of, packed
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -85,9 +85,10 @@ class Priboot(Agent):
             "measurements": measured(observation, self._blocked.seconds),
         }
         self._waypoints = np.asarray(self._policy(seen), dtype=np.float64).reshape(WAYPOINTS, 2)
-        straight = straight_ahead(observation["path"], STRAIGHT_M, STRAIGHT_RAD)
-        pedals = self._control.pedals(self._waypoints, speed, self._blocked.seconds, straight)
-        self._verdict = rules.judge(observation, speed) if self._rules else FREE
+        may_creep = straight_ahead(observation["path"], STRAIGHT_M, STRAIGHT_RAD)
+        may_creep = may_creep and (not self._rules or standing_gap(observation) > 2.0 * RUN_UP_M)
+        pedals = self._control.pedals(self._waypoints, speed, self._blocked.seconds, may_creep)
+        self._verdict = rules.judge(observation, speed, self._waypoints) if self._rules else FREE
         throttle, brake, _ = self._verdict
         return np.array([pedals[0] * throttle, max(pedals[1], brake), pedals[2]])
 

@@ -4,9 +4,11 @@ The network drives; the rules only brake, or weaken the throttle: at red and yel
 and construction in the way ahead. That lights are obeyed is therefore no skill of the network's.
 
 Source: Coelho 2024, section 5.3; the distances are those of its code. It measures between centres: we take the gap
-before the bumper and add half a car, so that a bus is no nearer than it looks. Ours: the distance grows with what the
-ego needs to brake to the other's speed, the way ahead is the route, moved to where the ego is, and a light is braked
-for as hard as its distance asks, so that the ego does not stand far before the line.
+before the bumper and add half of the ego and half of a usual one of its kind, so that a bus is no nearer than it looks.
+Ours: the distance grows by what the ego needs to stop behind another that brakes as hard; what stands is in the way
+only where the network's waypoints lead into it, so that the ego may go round, and is braked for where there is still
+room for that; what moves is so on the route, moved to where the ego is, too; and a light is braked for as hard as its
+distance asks, so that the ego does not stand far before the line.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from dohyo.agents.priboot.measurements import TARGET_M
-from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors import Observation
 from dohyo.sumo_networks.sensors.path import BEHIND
@@ -26,10 +28,19 @@ from dohyo.sumo_networks.world import ActorKind, LightState
 SENSORS: Final = ("objects", "junctions_ahead")
 BANDS: Final = {"vehicle": (7.0, 15.0), "pedestrian": (5.5, 12.5), "construction": (4.0, 5.0)}
 """Distance of the hard stop, and distance from which the throttle is weakened, m."""
+HALF: Final = {"vehicle": 2.3, "pedestrian": 0.25, "construction": 0.2}
+"""Half the length of a usual one, m."""
 BRAKING, COMFORTABLE, HARDEST_YELLOW = 5.0, 2.5, 3.5
-"""Decelerations: towards others, from which on it brakes for a line, and the largest for a yellow light, m/s^2."""
-LINE_M, MARGIN_M = 1.5, 0.3
-"""Distance to a stop line at which the ego stands, and width added on each side of the ego."""
+"""Decelerations: of the ego and of others, from which on it brakes for a line, and the largest for a yellow light,
+m/s^2."""
+LINE_M, MARGIN_M, MARGIN_STANDING_M = 1.5, 0.3, 0.1
+"""Distance to a stop line at which the ego stands, and width added on each side of the ego; beside cars and cones that
+stand the network may drive closely."""
+RUN_UP_M: Final = 7.0
+"""Free distance before the bumper that the ego needs to go round what stands."""
+STANDS_M_S, SHORTEST_M, TURNS_M = 0.3, 1.0, 10.0
+"""Speed below which another one stands, shortest waypoints that tell where the ego goes, and length on which it turns
+back to the route's direction behind them."""
 _VEHICLE = VehicleParameters()
 _CLASS = {int(ActorKind.PEDESTRIAN): "pedestrian", int(ActorKind.STATIC): "construction"}
 
@@ -51,9 +62,9 @@ class Verdict(NamedTuple):
 FREE: Final = Verdict(1.0, 0.0, "")
 
 
-def judge(observation: Observation, speed: float) -> Verdict:
-    """The strictest rule."""
-    verdicts = [_lights(observation["junctions_ahead"], speed), *_others(observation, speed), FREE]
+def judge(observation: Observation, speed: float, waypoints: FloatArray) -> Verdict:
+    """The strictest rule for an ego at a speed [m/s] that intends to follow (4, 2) waypoints [m, ego frame]."""
+    verdicts = [_lights(observation["junctions_ahead"], speed), *_others(observation, speed, waypoints), FREE]
     return min(verdicts, key=lambda verdict: (-verdict.brake, verdict.throttle))
 
 
@@ -70,22 +81,29 @@ def _lights(junctions: Float32Array, speed: float) -> Verdict:
     return FREE
 
 
-def _others(observation: Observation, speed: float) -> list[Verdict]:
+def _others(observation: Observation, speed: float, waypoints: FloatArray) -> list[Verdict]:
     """A verdict for each other actor in the way."""
-    objects, way = observation["objects"], way_ahead(observation["path"])
-    out = []
+    objects, route = observation["objects"], way_ahead(observation["path"])
+    intended, out = way_intended(route, waypoints), []
     for kind, x, y, heading, their_speed, length, width, _ in objects[objects[:, 0] >= 0].tolist():
         if x < -_VEHICLE.length or math.hypot(x, y) > TARGET_M + length:
             continue
-        gap = gap_on(way, x, y, heading, length, width)
-        if gap is None:
+        stands = their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN
+        ways, margin = ((intended,), MARGIN_STANDING_M) if stands else ((intended, route), MARGIN_M)
+        box = (x, y, heading, length, width + 2 * margin)
+        gaps = [gap for way in ways if (gap := gap_on(way, *box)) is not None]
+        if not gaps:
             continue
         name = _CLASS.get(int(kind), "vehicle")
-        closing = max(speed - max(their_speed * math.cos(heading), 0.0), 0.0)
-        stop, free = (bound + closing**2 / (2 * BRAKING) for bound in BANDS[name])
-        distance = gap + _VEHICLE.length / 2
+        along = max(their_speed * math.cos(heading), 0.0)
+        behind = max(speed**2 - along**2, 0.0) / (2 * BRAKING)
+        stop, free = (bound + behind for bound in BANDS[name])
+        distance = min(gaps) + _VEHICLE.length / 2 + HALF[name]
+        needed = speed**2 / (2 * max(min(gaps) - RUN_UP_M, 0.1)) if stands and min(gaps) > RUN_UP_M else 0.0
         if distance < stop:
             out.append(Verdict(0.0, 1.0, name))
+        elif needed > COMFORTABLE:
+            out.append(Verdict(0.0, min(needed / _VEHICLE.max_braking, 1.0), name))
         elif distance < free:
             out.append(Verdict((distance - stop) / (free - stop), 0.0, name))
     return out
@@ -97,19 +115,51 @@ def way_ahead(path: Float32Array) -> Float32Array:
     return np.asarray(points - points[0], dtype=np.float32)
 
 
+def way_intended(route: Float32Array, waypoints: FloatArray) -> Float32Array:
+    """(31, 2) the way ahead that leads through the waypoints; the route where these hardly leave the ego.
+
+    Args:
+        route: (31, 2) of `way_ahead`.
+        waypoints: (4, 2) m, ego frame.
+
+    Returns:
+        The route, moved sideways: to the waypoints as far as they reach, and behind them by what their last piece leads
+        away from the route until the ego has turned back.
+    """
+    last = int(np.linalg.norm(route - waypoints[-1], axis=1).argmin())
+    if math.hypot(*waypoints[-1]) < SHORTEST_M or last == 0:
+        return route
+    along = _directions(route)
+    points = np.vstack([np.zeros(2), waypoints])
+    near = np.linalg.norm(route[:, None] - points[None], axis=2).argmin(axis=0)
+    left = np.column_stack([-along[:, 1], along[:, 0]])
+    aside = ((points - route[near]) * left[near]).sum(axis=1)
+    metres = np.arange(len(route))
+    slope = (aside[-1] - aside[-2]) / max(float(near[-1] - near[-2]), 1.0)
+    beyond = np.clip(metres - last, 0.0, TURNS_M)
+    offset = np.interp(metres, near, aside) + slope * (beyond - beyond**2 / (2 * TURNS_M))
+    return np.asarray(route + offset[:, None] * left, dtype=np.float32)
+
+
+def _directions(way: Float32Array) -> Float32Array:
+    """(N, 2) unit vectors along a way."""
+    along = np.diff(way, axis=0, append=2 * way[-1:] - way[-2:-1])
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
+    return along
+
+
 def gap_on(way: Float32Array, x: float, y: float, heading: float, length: float, width: float) -> float | None:
-    """Free distance before the front bumper to a box, along the way, m; None if the box is not in the way."""
+    """Free distance before the front bumper to a box, along the way, m; None if the ego passes beside the box."""
     cos, sin = math.cos(heading), math.sin(heading)
     u, v = np.array([1, 1, -1, -1, 0]) * length / 2, np.array([1, -1, 1, -1, 0]) * width / 2
     corners = np.column_stack([x + u * cos - v * sin, y + u * sin + v * cos])
     apart = np.linalg.norm(way[:, None] - corners[None], axis=2)
     near = apart.argmin(axis=0)
-    along = np.diff(way, axis=0, append=2 * way[-1:] - way[-2:-1])
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
+    along = _directions(way)
     offset = corners - way[near]
     across = along[near, 0] * offset[:, 1] - along[near, 1] * offset[:, 0]
     forward = near + (along[near] * offset).sum(axis=1)
-    reach = _VEHICLE.width / 2 + MARGIN_M
+    reach = _VEHICLE.width / 2
     if across.min() > reach or across.max() < -reach or forward.max() < 0.0 or forward.min() >= TARGET_M:
         return None
     return max(float(forward.min()) - _VEHICLE.length / 2, 0.0)
@@ -119,3 +169,11 @@ def straight_ahead(path: Float32Array, metres: float, most: float) -> bool:
     """Whether the route's next metres turn by less than an angle [rad] from the ego's heading."""
     x, y = way_ahead(path)[math.ceil(metres)]
     return bool(abs(math.atan2(y, x)) < most)
+
+
+def standing_gap(observation: Observation) -> float:
+    """Free distance before the front bumper to what stands on the route, m; inf if nothing does within 30 m."""
+    objects, route = observation["objects"], way_ahead(observation["path"])
+    standing = objects[(objects[:, 0] >= 0) & (objects[:, 4] < STANDS_M_S) & (objects[:, 1] > 0.0)]
+    boxes = ((*row[1:4], row[5], row[6] + 2 * MARGIN_STANDING_M) for row in standing.tolist())
+    return min((gap for box in boxes if (gap := gap_on(route, *box)) is not None), default=math.inf)

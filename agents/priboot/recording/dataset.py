@@ -19,7 +19,7 @@ from dohyo.agents.priboot.measurements import MEASUREMENTS
 from dohyo.agents.priboot.view import HEIGHT, WIDTH
 from dohyo.agents.shards import check_array, pack_shard, read_shard
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 WAYPOINTS, WAYPOINT_S = 4, 0.5
 VIEWS = 2
 """Of a moment: from the ego's own pose, and from a displaced one."""

@@ -58,10 +58,12 @@ class Disturbance(Protocol):
     Attributes:
         active: Whether the last action was disturbed.
         stalls: Whether that held an ego which could go.
+        told_s: For how long an ego is said to have stood that is held until its demonstrator would go; None: none is.
     """
 
     active: bool
     stalls: bool
+    told_s: float | None
 
     def disturbed(self, action: FloatArray, speed: float, observation: Observation) -> FloatArray:
         """(2,) acceleration and steering that the ego drives, given the demonstrator's."""
@@ -77,7 +79,10 @@ class Bursts:
     Attributes:
         active: Whether the last action was disturbed.
         stalls: Whether it was by a stall or a late start.
+        told_s: None.
     """
+
+    told_s: float | None = None
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng, self.active, self.stalls = rng, False, False

@@ -1,8 +1,9 @@
 """Recording: a demonstrator drives, with events of the leaderboard on half of its routes, and noise on most of them.
 
-    dohyo dataset priboot --out out/priboot/demonstrations --samples 34000
-    dohyo dataset priboot --out out/priboot/of-pdm --samples 34000 --demonstrator pdm-closed
-    dohyo dataset priboot --out out/priboot/obstacles --samples 20000 --seed 2 --obstacles
+    dohyo dataset priboot --out out/priboot/demonstrations --samples 80000
+    dohyo dataset priboot --out out/priboot/of-pdm --samples 80000 --demonstrator pdm-closed
+    dohyo dataset priboot --out out/priboot/obstacles-2 --samples 40000 --seed 2 --obstacles lanes
+    dohyo dataset priboot --out out/priboot/doors-4 --samples 12000 --seed 4 --obstacles doors
     dohyo dataset priboot --out out/priboot/takeovers --samples 15000 --seed 1 --learner out/priboot/full/priboot.onnx
 
 Network, missions, events, traffic, noise and displacements of an episode follow from its number and the seed alone. An
@@ -11,11 +12,13 @@ interrupted recording goes on where it stopped, and the same order gives the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
@@ -32,7 +35,15 @@ from dohyo.agents.priboot.recording.dataset import (
     Moments,
     load_shard,
 )
-from dohyo.agents.priboot.recording.displacement import MOVING_M_S, Bursts, Disturbance, displaced, drawn_displacement
+from dohyo.agents.priboot.recording.displacement import (
+    MOVING_M_S,
+    STARTS,
+    Bursts,
+    Disturbance,
+    displaced,
+    drawn_displacement,
+)
+from dohyo.agents.priboot.recording.halts import Halts
 from dohyo.agents.priboot.recording.intention import intended
 from dohyo.agents.priboot.recording.takeover import Takeovers
 from dohyo.agents.priboot.view import SENSOR, packed
@@ -42,11 +53,12 @@ from dohyo.evaluation.agent import Agent, make_agent
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events.auto_events import EVERY_M, auto_events
 from dohyo.sumo_networks.events.registry import Event
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.sensors import Observation, Sensor, make_sensors
@@ -61,18 +73,26 @@ STANDS_M, KEPT_STANDING = 0.1, 6
 """An ego that goes no farther in two seconds stands; one in so many of such moments is kept."""
 HELD_M_S, KEPT_HELD = 0.3, 3
 """An ego that is slower than this in a stall is held; one in so many of such moments is kept."""
-OBSTACLES = (
-    "accident",
-    "accident_two_ways",
-    "construction",
-    "construction_two_ways",
-    "parked_obstacle",
-    "parked_obstacle_two_ways",
-    "vehicle_opens_door",
+OBSTACLES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "lanes": (
+            "accident",
+            "accident_two_ways",
+            "construction",
+            "construction_two_ways",
+            "parked_obstacle",
+            "parked_obstacle_two_ways",
+        ),
+        "doors": ("vehicle_opens_door",),
+    }
 )
-"""Kinds of events whose lane must be left."""
+"""Kinds of events before which the lane must be left, and before which the ego moves aside in it."""
+GAPS_M: Final = (None, (100.0, 300.0), None, (50.0, 150.0))
+"""Gaps in the oncoming traffic beside obstacles, in turn; None: none comes. The events' own are the second."""
 OFTEN_M = (60.0, 120.0)
 """Smallest and largest distance between two obstacles where routes have nothing else."""
+THINNER: Final = 8
+"""Share of the usual traffic where routes have nothing but obstacles: others queue up behind these, too."""
 _AHEAD = tuple(round((j + 1) * WAYPOINT_S / TICK_S) for j in range(WAYPOINTS))
 
 
@@ -88,7 +108,8 @@ class MomentRequest:
         episode_s: How long an episode lasts.
         demonstrator: Registered name of the agent that drives; its actions are acceleration and steering.
         learner: ONNX file of a policy from which it takes over, instead of noise; "": none.
-        obstacles: Whether every route has obstacles in its lane, one each 60 to 120 m, and nothing else.
+        obstacles: Of `OBSTACLES`: every route has them, one each 60 to 120 m, and nothing else; "": the leaderboard's
+            events on half of the routes.
     """
 
     samples: int = 30_000
@@ -98,7 +119,7 @@ class MomentRequest:
     episode_s: float = 90.0
     demonstrator: str = "autopilot"
     learner: str = ""
-    obstacles: bool = False
+    obstacles: str = ""
 
 
 def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], None] = lambda moments: None) -> int:
@@ -114,8 +135,10 @@ def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], No
 
     Raises:
         InvalidInputError: The order is impossible, or the folder holds a dataset of another order.
-        UnknownNameError: There is no such demonstrator.
+        UnknownNameError: There is no such demonstrator, or no such obstacles.
     """
+    if order.obstacles and order.obstacles not in OBSTACLES:
+        raise UnknownNameError("obstacles", order.obstacles, OBSTACLES)
     if order.samples < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < WAYPOINTS * WAYPOINT_S:
         raise InvalidInputError(f"expected samples, egos, and times of a tick and two seconds at least, got {order}")
     document = {name: value for name, value in asdict(order).items() if name != "samples"}
@@ -144,24 +167,44 @@ def _recorded(order: MomentRequest, out: Path, network: str, number: int) -> lis
 def scenario(order: MomentRequest, name: str, number: int) -> Scenario:
     """The scenario of one episode: missions and traffic as in the motion dataset, with events on every other route.
 
-    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too.
+    With events on every route, egos stand for most of an episode, and a learner of their drives stands, too. On half of
+    the routes with events these are obstacles in the lane: of all kinds they are a fifth, and a learner of so few ways
+    round them stops for good.
 
     Raises:
         InvalidInputError: The network has too few missions.
     """
     drawn = motion.scenario(motion.MotionRequest(seed=order.seed, egos=order.egos), name, number)
     network = load_network(name)
-    events: list[Event] = []
-    for place, mission in enumerate(drawn.missions):
-        if place % 2 != number % 2 and not order.obstacles:
-            continue
-        try:
-            seed = int(np.random.SeedSequence(drawn.seed, spawn_key=(place,)).generate_state(1)[0])
-            kinds, every = (OBSTACLES, OFTEN_M) if order.obstacles else (None, EVERY_M)
-            events += auto_events(network, plan_route(network, mission), seed, kinds, every, mission.name)
-        except InvalidInputError:  # no kind fits on a short route
-            continue
-    return drawn.model_copy(update={"name": f"priboot-{name}-{number}", "events": tuple(events)})
+    events = [event for place in range(order.egos) for event in _events(order, network, drawn, place, number)]
+    vehicles = drawn.traffic.vehicles // (THINNER if order.obstacles else 1)
+    traffic = drawn.traffic.model_copy(update={"vehicles": vehicles})
+    return drawn.model_copy(update={"name": f"priboot-{name}-{number}", "events": tuple(events), "traffic": traffic})
+
+
+def _events(order: MomentRequest, network: RoadNetwork, drawn: Scenario, place: int, number: int) -> list[Event]:
+    """Events on the route of one ego; none on every other route, nor where no kind fits on a short one."""
+    mission = drawn.missions[place]
+    seed = int(np.random.SeedSequence(drawn.seed, spawn_key=(place,)).generate_state(1)[0])
+    try:
+        if order.obstacles:
+            kinds = OBSTACLES[order.obstacles]
+            found = auto_events(network, plan_route(network, mission), seed, kinds, OFTEN_M, mission.name)
+            return [_with_gaps(event, place + at) for at, event in enumerate(found)]
+        if place % 2 != number % 2:
+            return []
+        blocked = (place // 2 + number) % 2 == 0
+        some = (*OBSTACLES["lanes"], *OBSTACLES["doors"]) if blocked else None
+        return [*auto_events(network, plan_route(network, mission), seed, some, EVERY_M, mission.name)]
+    except InvalidInputError:
+        return []
+
+
+def _with_gaps(event: Event, number: int) -> Event:
+    """An obstacle with one of `GAPS_M` in the traffic that comes towards who passes it, if there is any."""
+    if getattr(event, "gap_m", None) is None:
+        return event
+    return event.model_copy(update={"gap_m": GAPS_M[number % len(GAPS_M)]})
 
 
 def record_episode(scenario: Scenario, order: MomentRequest) -> list[Moments]:
@@ -170,7 +213,8 @@ def record_episode(scenario: Scenario, order: MomentRequest) -> list[Moments]:
     agents = {name: demonstrator(order.demonstrator) for name in names}
     spec = agents[names[0]].spec
     drives = [Drive(scenario, ego, disturbance(order, scenario, ego)) for ego in range(len(names))]
-    sensors = dict.fromkeys((*spec.sensors, *(Priboot.spec.sensors if order.learner else ())))
+    disturbed = Priboot.spec.sensors if order.learner or order.obstacles else ()
+    sensors = dict.fromkeys((*spec.sensors, *disturbed))
     stride = max(round(order.every_s / TICK_S), 1)
     with closing(DrivingEnv(scenario, tuple(sensors), spec.control, reward=None)) as env:
         for now in decisions(env, agents, round(order.episode_s / TICK_S)):
@@ -198,6 +242,8 @@ def disturbance(order: MomentRequest, scenario: Scenario, ego: int) -> Disturban
     rng = _generator(scenario, ego).spawn(1)[0]
     if ego % 3 == 0:
         return None
+    if order.obstacles:
+        return Halts(rng)
     if not order.learner:
         return Bursts(rng)
     return Takeovers(make_agent(resolve("priboot"), {"policy": order.learner}), scenario.missions[ego], rng)
@@ -218,6 +264,8 @@ class Drive:
         self._noisy: list[bool] = []
         self._moments: list[tuple[int, list[tuple[FloatArray, np.ndarray, Float32Array]]]] = []
         self._held: dict[int, FloatArray] = {}
+        self._waiting: list[int] = []
+        self._released: dict[int, int] = {}
 
     def tick(self, world: World, observation: Observation, action: FloatArray, keep: bool) -> FloatArray:
         """Notes one tick, as a moment if wanted; returns the action that the ego drives."""
@@ -229,24 +277,46 @@ class Drive:
         noise = self._noise
         out = action if noise is None else noise.disturbed(action, speed, observation)
         if noise is not None and noise.stalls and speed < HELD_M_S:
-            self._held[len(self._poses)] = intended(action, speed)
+            self._hold(noise, action, speed)
+        elif self._waiting:
+            self._released |= dict.fromkeys(self._waiting, len(self._poses))
+            self._waiting = []
         self._poses.append((*egos.position[self._ego].tolist(), float(egos.heading[self._ego])))
         self._noisy.append(noise is not None and noise.active)
         return out
+
+    def _hold(self, noise: Disturbance, action: FloatArray, speed: float) -> None:
+        """Notes what the demonstrator asks for in a tick in which its ego is held."""
+        tick = len(self._poses)
+        self._held[tick] = intended(action, speed)
+        if noise.told_s is None:
+            return
+        if action[0] >= STARTS:
+            self._waiting.append(tick)
+        if self._blocked.seconds == TICK_S:
+            self._blocked.seconds = noise.told_s
 
     def moments(self) -> Moments:
         """Moments whose waypoints the expert drove alone, or asked for while held; few of a long standstill."""
         rows, stood = [], 0
         for tick, views in self._moments:
-            held, last = self._held.get(tick), tick + _AHEAD[-1]
-            if held is None and (last >= len(self._poses) or any(self._noisy[tick:last])):
+            held, start = self._held.get(tick), self._released.get(tick, tick)
+            driven = self._alone(start)
+            if held is None and not driven:
                 continue
-            waypoints = [self._waypoints(tick, by) if held is None else held for by, _, _ in views]
+            let_go = driven and start > tick
+            held = None if let_go else held
+            waypoints = [self._waypoints(start, by) if held is None else held for by, _, _ in views]
             stands = held is not None or np.abs(waypoints[0]).max() < STANDS_M
             stood = stood + 1 if stands else 0
-            if stood % (KEPT_STANDING if held is None else KEPT_HELD) == 0:
+            if let_go or stood % (KEPT_STANDING if held is None else KEPT_HELD) == 0:
                 rows.append(([layers for _, layers, _ in views], [numbers for _, _, numbers in views], waypoints))
         return Moments.of(rows)
+
+    def _alone(self, tick: int) -> bool:
+        """Whether the expert drives alone from a tick on for as long as waypoints reach."""
+        last = tick + _AHEAD[-1]
+        return last < len(self._poses) and not any(self._noisy[tick:last])
 
     def _displacements(self, speed: float) -> Iterator[FloatArray]:
         yield np.zeros(3)

@@ -25,9 +25,11 @@ class Takeovers:
     Attributes:
         active: Whether the learner drove the last tick.
         stalls: Never.
+        told_s: None.
     """
 
     stalls = False
+    told_s: float | None = None
 
     def __init__(self, learner: Agent, mission: Mission, rng: np.random.Generator) -> None:
         """Starts with the demonstrator.

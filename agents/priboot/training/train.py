@@ -48,7 +48,7 @@ FEATURES = "features"
 """Folder of the cached feature maps, in that of the demonstrations."""
 
 Seen = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 48, 32) pixels before the ego in [0, 1]."""
+"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 112, 32) pixels before the ego in [0, 1]."""
 
 
 class TrainConfig(SupervisedConfig):
@@ -66,6 +66,7 @@ class TrainConfig(SupervisedConfig):
         speed_weight: Weight of the speed's loss.
         share: Of the drives.
         leaving: How often a moment counts in which the expert leaves a straight way, since these are one in thirty.
+        starting: The same where it does so from a standstill, since these are one in several hundred.
         picture: What the trunk reads: colours, frozen with ImageNet's weights, or masks, from scratch.
         validate_every: Steps.
         validation_moments: Number used during training, evenly spread.
@@ -82,6 +83,7 @@ class TrainConfig(SupervisedConfig):
     speed_weight: Annotated[float, Field(ge=0)] = 0.05
     share: Annotated[float, Field(gt=0, le=1)] = 1.0
     leaving: Annotated[int, Field(gt=0)] = 1
+    starting: Annotated[int, Field(gt=0)] = 1
     picture: PictureKind = "colours"
     validate_every: Annotated[int, Field(gt=0)] = 500
     validation_moments: Annotated[int, Field(gt=0)] = 3000
@@ -199,13 +201,20 @@ def some_drives(moments: Split, config: TrainConfig) -> Tensor:
     wanted = max(round(config.share * len(drives)), 1)
     kept = np.random.default_rng(config.seed).permutation(drives)[:wanted]
     rows = torch.from_numpy(np.flatnonzero(np.isin(moments.drive, kept)))
-    return torch.cat([rows, rows[leaves(moments)[rows]].repeat(config.leaving - 1)])
+    leaving = rows[leaves(moments)[rows]]
+    starts = stands(moments)[leaving]
+    return torch.cat([rows, leaving[~starts].repeat(config.leaving - 1), leaving[starts].repeat(config.starting - 1)])
 
 
 def leaves(moments: Split) -> Tensor:
     """(M,) whether the expert goes aside where the route goes straight on."""
     target, end = moments.measurements[:, 0, TARGET] * TARGET_SCALE, moments.waypoints[:, 0, -1]
     return (target[:, 1].abs() < STRAIGHT_M) & (target[:, 0] > TARGET_M - STRAIGHT_M) & (end[:, 1].abs() > ASIDE_M)
+
+
+def stands(moments: Split) -> Tensor:
+    """(M,) whether the ego stands."""
+    return moments.measurements[:, 0, SPEED] * SPEED_SCALE < STANDS_M_S
 
 
 def validate(network: Priboot, moments: Split, seen: Seen, index: Tensor, config: TrainConfig) -> dict[str, float]:
@@ -222,10 +231,10 @@ def validate(network: Priboot, moments: Split, seen: Seen, index: Tensor, config
     own, displaced = (
         float((points - moments.waypoints[index, view]).abs().sum((1, 2)).mean()) for view, points in enumerate(found)
     )
-    wanted, stands = moments.waypoints[index, 0], moments.measurements[index, 0, SPEED] * SPEED_SCALE < STANDS_M_S
+    wanted, still = moments.waypoints[index, 0], stands(moments)[index]
     apart = float((found[0] - wanted).norm(dim=2).mean())
     starts, far = (found[0][:, -1, 0] > STARTS_M).float(), wanted[:, -1, 0]
-    shares = [_mean(starts[stands & (far > GOES_M)]), _mean(starts[stands & (far < STAYS_M)])]
+    shares = [_mean(starts[still & (far > GOES_M)]), _mean(starts[still & (far < STAYS_M)])]
     return dict(zip(MEASURES, (own, displaced, apart, *shares), strict=True))
 
 

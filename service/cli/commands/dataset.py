@@ -70,7 +70,9 @@ def priboot(
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     demonstrator: Annotated[str, typer.Option(help="Agent that drives.")] = "autopilot",
     learner: Annotated[str, typer.Option(help="ONNX policy from which it takes over, instead of noise.")] = "",
-    obstacles: Annotated[bool, typer.Option(help="Obstacles on all routes, and nothing else.")] = False,
+    obstacles: Annotated[
+        str, typer.Option(metavar="lanes|doors", help="Obstacles of a kind on all routes, and nothing else.")
+    ] = "",
 ) -> None:
     """Records PRIBOOT's demonstrations on disturbed drives. Same arguments, same bytes."""
     columns = (TextColumn("recorded"), BarColumn(), TextColumn("{task.completed} of {task.total} moments"))

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from dohyo.agents.endless_driving.experts import make_expert
 from dohyo.agents.learning.policies.export import export
+from dohyo.agents.priboot import rules
 from dohyo.agents.priboot.measurements import BLOCKED, LIMIT, MEASUREMENTS, SPEED, TARGET, measured
 from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.view import HEIGHT, WIDTH
@@ -86,6 +87,45 @@ def test_it_creeps_after_a_long_stand_on_a_straight_way(tmp_path: Path) -> None:
     found = driven(agent, straight_road().with_ego(x=50.0), 14.0)
     assert found[:98].max() < 0.1
     assert found[100:].max() > 0.5
+
+
+def test_it_does_not_creep_up_to_what_stands_ahead(tmp_path: Path) -> None:
+    scene = straight_road().with_ego(x=50.0).with_actor(63.0, 0.0)
+    assert driven(Priboot(policy=policy(tmp_path, 0.0)), scene, 14.0).max() < 0.1
+
+
+ROUND_IT = np.array([[4.0, 0.6], [8.0, 1.8], [12.0, 2.8], [16.0, 3.0]])
+
+
+def verdict(scene: Scene, waypoints: np.ndarray) -> rules.Verdict:
+    return rules.judge(observed(Priboot(), scene.world()), float(scene.world().egos.speed[0]), waypoints)
+
+
+@pytest.mark.parametrize("metres", [12.0, 20.0], ids=["beside the waypoints", "behind them"])
+def test_what_stands_does_not_stop_waypoints_that_lead_round_it(metres: float) -> None:
+    scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(50.0 + metres, 0.0)
+    assert verdict(scene, ROUND_IT) == rules.FREE
+    assert verdict(scene, ROUND_IT * (1.0, 0.0)).cause == "vehicle"
+
+
+def test_it_brakes_for_what_stands_where_there_is_room_to_go_round() -> None:
+    ahead = np.array([[4.0, 0.0], [8.0, 0.0], [12.0, 0.0], [16.0, 0.0]])
+    scene = straight_road().with_ego(x=50.0, speed=8.0)
+    found = verdict(scene.with_actor(69.6), ahead)
+    assert 0.3 < found.brake < 0.7
+    assert found.cause == "vehicle"
+    assert verdict(scene.with_actor(69.6, 8.0), ahead) == rules.FREE, "it drives on"
+    assert verdict(straight_road().with_ego(x=50.0, speed=1.0).with_actor(60.0), ahead / 8.0).brake == 0.0, "a queue"
+
+
+def test_waypoints_round_one_stop_before_another_that_stands_there() -> None:
+    scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(62.0).with_actor(66.0, left=3.0)
+    assert verdict(scene, ROUND_IT).cause == "vehicle"
+
+
+def test_what_moves_on_the_route_stops_waypoints_that_lead_round_it() -> None:
+    scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(58.0, 1.0)
+    assert verdict(scene, ROUND_IT).cause == "vehicle"
 
 
 def test_it_is_told_its_speed_its_limit_its_standstill_and_its_target(at_eight: Path) -> None:

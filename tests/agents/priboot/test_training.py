@@ -14,7 +14,7 @@ from dohyo.agents.learning.files.card import read_card
 from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.mcts.predictors import recording as motion
-from dohyo.agents.priboot.measurements import TARGET
+from dohyo.agents.priboot.measurements import SPEED, TARGET
 from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording import record as recording
 from dohyo.agents.priboot.recording.dataset import Moments, load_shard
@@ -73,8 +73,8 @@ def test_no_network_that_judges_is_recorded() -> None:
 
 
 def test_routes_may_have_obstacles_and_nothing_else() -> None:
-    events = scenario(dataclasses.replace(ORDER, egos=4, obstacles=True), "town-train", 0).events
-    assert {event.kind for event in events} <= set(recording.OBSTACLES)
+    events = scenario(dataclasses.replace(ORDER, egos=4, obstacles="lanes"), "town-train", 0).events
+    assert {event.kind for event in events} <= set(recording.OBSTACLES["lanes"])
     assert len({event.ego for event in events}) >= 3, "on most routes"
     assert len(events) > len(scenario(dataclasses.replace(ORDER, egos=4), "town-train", 0).events)
 
@@ -86,10 +86,14 @@ def test_moments_count_more_often_in_which_the_expert_leaves_a_straight_way(data
     moments.waypoints[3, 0, -1, 1] = 2.0
     moments.measurements[4, 0, TARGET] = torch.tensor([0.7, 0.7])
     moments.waypoints[4, 0, -1, 1] = 2.0
-    rows = some_drives(moments, TrainConfig(data=data, leaving=4)).tolist()
+    moments.measurements[:, 0, SPEED] = 0.5
+    moments.waypoints[5, 0, -1, 1] = -2.0
+    moments.measurements[5, 0, SPEED] = 0.0
+    rows = some_drives(moments, TrainConfig(data=data, leaving=4, starting=7)).tolist()
     assert rows.count(3) == 4
     assert rows.count(4) == 1, "the route turns, too"
-    assert len(rows) == len(moments) + 3
+    assert rows.count(5) == 7, "it stood"
+    assert len(rows) == len(moments) + 3 + 6
 
 
 def test_an_interrupted_recording_goes_on_with_the_same_bytes(
