@@ -170,7 +170,8 @@ def seen_of(network: Priboot, config: TrainConfig, moments: Split) -> Seen:
             return network.trunk(pictures), before_ego(pictures)
 
         return masks
-    before = np.concatenate([before_ego(Pictures(path).layers) for path in moments.paths])
+    # A copy of each, since a view of what is before the ego keeps the whole picture in memory.
+    before = np.concatenate([before_ego(Pictures(path).layers).copy() for path in moments.paths])
     maps = cached_maps(config.data / FEATURES, moments.paths)
 
     def colours(rows: Tensor) -> tuple[Tensor, Tensor]:
