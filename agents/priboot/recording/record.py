@@ -88,7 +88,8 @@ OBSTACLES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """Kinds of events before which the lane must be left, and before which the ego moves aside in it."""
 GAPS_M: Final = (None, (100.0, 300.0), None, (50.0, 150.0))
-"""Gaps in the oncoming traffic beside obstacles, in turn; None: none comes. The events' own are the second."""
+"""Gaps in the oncoming traffic beside obstacles, in turn; None: none comes. The autopilot seldom takes the
+events' own, 20 to 50 m, within an episode."""
 OFTEN_M = (60.0, 120.0)
 """Smallest and largest distance between two obstacles where routes have nothing else."""
 THINNER: Final = 8
@@ -139,6 +140,8 @@ def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], No
     """
     if order.obstacles and order.obstacles not in OBSTACLES:
         raise UnknownNameError("obstacles", order.obstacles, OBSTACLES)
+    if order.obstacles and order.learner:
+        raise InvalidInputError(f"expected obstacles or a learner, got both, '{order.obstacles}' and '{order.learner}'")
     if order.samples < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < WAYPOINTS * WAYPOINT_S:
         raise InvalidInputError(f"expected samples, egos, and times of a tick and two seconds at least, got {order}")
     document = {name: value for name, value in asdict(order).items() if name != "samples"}

@@ -31,7 +31,7 @@ from dohyo.agents.priboot.recording.record import (
 from dohyo.agents.priboot.training.train import TrainConfig, some_drives, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.units import TICK_S
 from tests.agents.driving import drive
 from tests.worlds import straight_road
@@ -77,6 +77,14 @@ def test_routes_may_have_obstacles_and_nothing_else() -> None:
     assert {event.kind for event in events} <= set(recording.OBSTACLES["lanes"])
     assert len({event.ego for event in events}) >= 3, "on most routes"
     assert len(events) > len(scenario(dataclasses.replace(ORDER, egos=4), "town-train", 0).events)
+
+
+def test_obstacles_that_are_unknown_or_come_with_a_learner_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="obstacles named 'walls'"):
+        record_moments(dataclasses.replace(ORDER, obstacles="walls"), tmp_path)
+    with pytest.raises(InvalidInputError, match="got both, 'doors' and 'a'"):
+        record_moments(dataclasses.replace(ORDER, obstacles="doors", learner="a"), tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_moments_count_more_often_in_which_the_expert_leaves_a_straight_way(data: Path) -> None:
