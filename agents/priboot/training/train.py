@@ -155,7 +155,7 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         )
         measures = fit(job, run, lambda step, row: order.report(Report(step, config.steps, row["loss"], "loss")))
         export(network, network.space(), run.folder / "priboot", {"steps": str(config.steps)})
-        measures = {**measures, "moments": len(chosen.unique()), "leaving": int(leaves(moments).sum())}
+        measures = {**measures, "moments": len(np.unique(chosen.numpy())), "leaving": int(leaves(moments).sum())}
         run.write_card("priboot", PRIBOOT.summary, config.steps, measures, config.data / "train")
         return run.folder / "priboot.onnx"
 
