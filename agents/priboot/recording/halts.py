@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from dohyo.agents.priboot.recording.displacement import STANDING_M_S, STARTS
+from dohyo.agents.priboot.recording.disturbance import STANDING_M_S, STARTS
 from dohyo.agents.priboot.rules import standing_gap
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import FloatArray

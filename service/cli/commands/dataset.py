@@ -11,7 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from dohyo.agents.gri.vision.recording import AffordanceRequest, record_affordances
 from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures
 from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, record_motion
-from dohyo.agents.priboot.recording.record import MomentRequest, record_moments
+from dohyo.agents.priboot.recording.record import record_moments
+from dohyo.agents.priboot.recording.scenarios import MomentRequest
 from dohyo.service.cli.output import console
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 

@@ -7,7 +7,8 @@ import pytest
 
 from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording.halts import GAP_M, LONGEST_S, TOLD_S, WAIT_S, Halts
-from dohyo.agents.priboot.recording.record import MomentRequest, record_episode, scenario
+from dohyo.agents.priboot.recording.record import record_episode
+from dohyo.agents.priboot.recording.scenarios import MomentRequest, scenario
 from dohyo.agents.priboot.rules import standing_gap
 from dohyo.evaluation.agent import Mission, Observation
 from dohyo.sumo_networks.units import TICK_S

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dohyo.agents.priboot.priboot import Priboot
-from dohyo.agents.priboot.recording.record import MomentRequest, record_episode, scenario
+from dohyo.agents.priboot.recording.record import record_episode
+from dohyo.agents.priboot.recording.scenarios import MomentRequest, scenario
 from dohyo.agents.priboot.recording.takeover import DEMONSTRATOR_S, LEARNER_S, Takeovers, accelerated
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.units import TICK_S

@@ -18,16 +18,10 @@ from dohyo.agents.priboot.measurements import SPEED, TARGET
 from dohyo.agents.priboot.priboot import Priboot
 from dohyo.agents.priboot.recording import record as recording
 from dohyo.agents.priboot.recording.dataset import Moments, load_shard
-from dohyo.agents.priboot.recording.displacement import Bursts
+from dohyo.agents.priboot.recording.disturbance import Bursts
 from dohyo.agents.priboot.recording.intention import intended
-from dohyo.agents.priboot.recording.record import (
-    Drive,
-    MomentRequest,
-    demonstrator,
-    record_episode,
-    record_moments,
-    scenario,
-)
+from dohyo.agents.priboot.recording.record import Drive, demonstrator, record_episode, record_moments
+from dohyo.agents.priboot.recording.scenarios import NETWORKS, OBSTACLES, MomentRequest, scenario
 from dohyo.agents.priboot.training.train import TrainConfig, some_drives, train
 from dohyo.agents.priboot.training.views import Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
@@ -68,13 +62,13 @@ def test_waypoints_are_where_the_ego_goes_from_every_pose(recorded: list[Moments
 
 def test_no_network_that_judges_is_recorded() -> None:
     judged = {cell.network for name in ("leaderboard", "nocrash") for cell in load_benchmark(name).cells}
-    assert not {"adlershof", "town-test"} & set(recording.NETWORKS)
+    assert not {"adlershof", "town-test"} & set(NETWORKS)
     assert {"adlershof", "town-test"} <= judged
 
 
 def test_routes_may_have_obstacles_and_nothing_else() -> None:
     events = scenario(dataclasses.replace(ORDER, egos=4, obstacles="lanes"), "town-train", 0).events
-    assert {event.kind for event in events} <= set(recording.OBSTACLES["lanes"])
+    assert {event.kind for event in events} <= set(OBSTACLES["lanes"])
     assert len({event.ego for event in events}) >= 3, "on most routes"
     assert len(events) > len(scenario(dataclasses.replace(ORDER, egos=4), "town-train", 0).events)
 
