@@ -58,17 +58,16 @@ class WaypointControl:
         self._speed = Pid(5.0, 0.5, 1.0)
         self._creep_s, self.creeping = 0.0, False
 
-    def pedals(self, waypoints: FloatArray, speed: float, blocked_s: float, may_creep: bool) -> FloatArray:
+    def pedals(self, waypoints: FloatArray, speed: float, creeps: bool) -> FloatArray:
         """(3,) throttle, brake and steering.
 
         Args:
             waypoints: (4, 2) in the ego's frame, m.
             speed: m/s.
-            blocked_s: Time for which the ego has stood, s.
-            may_creep: Whether the way ahead is straight and free enough to creep.
+            creeps: Whether a short push begins now.
         """
         wanted = float(np.linalg.norm(np.diff(waypoints, axis=0), axis=1).mean()) / WAYPOINT_S
-        wanted = self._crept(wanted, blocked_s, may_creep)
+        wanted = self._crept(wanted, creeps)
         aim = waypoints[:2].mean(axis=0)
         # A point beside a car that stands has no direction.
         angle = math.atan2(aim[1], aim[0]) if math.hypot(*aim) > 0.3 and aim[0] > 0.0 else 0.0
@@ -79,9 +78,9 @@ class WaypointControl:
             return np.array([0.0, min(max((speed - wanted) / FULL_BRAKE_M_S, least), 1.0), steering])
         return np.array([min(max(throttle, 0.0), THROTTLE), 0.0, steering])
 
-    def _crept(self, wanted: float, blocked_s: float, may_creep: bool) -> float:
+    def _crept(self, wanted: float, creeps: bool) -> float:
         """Desired speed: a short push after a long standstill."""
-        if blocked_s > CREEP_AFTER_S and may_creep:
+        if creeps:
             self._creep_s = CREEP_S
         self.creeping = self._creep_s > 0.0
         self._creep_s = max(self._creep_s - 0.1, 0.0)

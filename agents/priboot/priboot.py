@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.priboot import measurements, rules
-from dohyo.agents.priboot.control import STRAIGHT_M, STRAIGHT_RAD, WaypointControl
+from dohyo.agents.priboot.control import CREEP_AFTER_S, STRAIGHT_M, STRAIGHT_RAD, WaypointControl
 from dohyo.agents.priboot.measurements import BlockTime, measured
 from dohyo.agents.priboot.recording.dataset import WAYPOINTS
 from dohyo.agents.priboot.rules import FREE, RUN_UP_M, standing_gap, straight_ahead
@@ -85,12 +85,16 @@ class Priboot(Agent):
             "measurements": measured(observation, self._blocked.seconds),
         }
         self._waypoints = np.asarray(self._policy(seen), dtype=np.float64).reshape(WAYPOINTS, 2)
-        may_creep = straight_ahead(observation["path"], STRAIGHT_M, STRAIGHT_RAD)
-        may_creep = may_creep and (not self._rules or standing_gap(observation) > 2.0 * RUN_UP_M)
-        pedals = self._control.pedals(self._waypoints, speed, self._blocked.seconds, may_creep)
+        creeps = self._blocked.seconds > CREEP_AFTER_S and self._may_creep(observation)
+        pedals = self._control.pedals(self._waypoints, speed, creeps)
         self._verdict = rules.judge(observation, speed, self._waypoints) if self._rules else FREE
         throttle, brake, _ = self._verdict
         return np.array([pedals[0] * throttle, max(pedals[1], brake), pedals[2]])
+
+    def _may_creep(self, observation: Observation) -> bool:
+        """Whether the way ahead is straight, and free enough to go round what stands there after creeping."""
+        straight = straight_ahead(observation["path"], STRAIGHT_M, STRAIGHT_RAD)
+        return straight and (not self._rules or standing_gap(observation) > 2.0 * RUN_UP_M)
 
     def explain(self) -> Explanation | None:
         """Waypoints of the network, and the rule that brakes, if any."""

@@ -91,15 +91,15 @@ def _others(observation: Observation, speed: float, waypoints: FloatArray) -> li
         stands = their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN
         ways, margin = ((intended,), MARGIN_STANDING_M) if stands else ((intended, route), MARGIN_M)
         box = (x, y, heading, length, width + 2 * margin)
-        gaps = [gap for way in ways if (gap := gap_on(way, *box)) is not None]
-        if not gaps:
+        gap = min((gap for way in ways if (gap := gap_on(way, *box)) is not None), default=math.inf)
+        if gap == math.inf:
             continue
         name = _CLASS.get(int(kind), "vehicle")
         along = max(their_speed * math.cos(heading), 0.0)
         behind = max(speed**2 - along**2, 0.0) / (2 * BRAKING)
         stop, free = (bound + behind for bound in BANDS[name])
-        distance = min(gaps) + _VEHICLE.length / 2 + HALF[name]
-        needed = speed**2 / (2 * max(min(gaps) - RUN_UP_M, 0.1)) if stands and min(gaps) > RUN_UP_M else 0.0
+        distance = gap + _VEHICLE.length / 2 + HALF[name]
+        needed = speed**2 / (2 * max(gap - RUN_UP_M, 0.1)) if stands and gap > RUN_UP_M else 0.0
         if distance < stop:
             out.append(Verdict(0.0, 1.0, name))
         elif needed > COMFORTABLE:

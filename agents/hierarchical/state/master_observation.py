@@ -45,7 +45,8 @@ class MasterObservation:
             rules: Drive in critical intervals.
             lines: Whether an interval before a closed line is critical, too.
         """
-        self.encoder, self.rules, self._lines = StateEncoder(state), rules, LineMonitor() if lines else None
+        self.encoder, self.rules = StateEncoder(state), rules
+        self._lines, self._knows_lines = LineMonitor(), lines
         self.sensors = tuple(dict.fromkeys((*SENSORS, *self.encoder.sensors)))
         self.seen: Observation = {}
         self.believed: Observation = {}
@@ -71,14 +72,13 @@ class MasterObservation:
         self.available: BoolArray = np.zeros(len(OPTIONS), dtype=np.bool_)
         self.finished, self._fresh, self._ticks = False, True, 0
         self._course, self._was_critical = Course(), False
-        if self._lines is not None:
-            self._lines.reset()
+        self._lines.reset()
         self._followed: Manoeuvre | None = None
 
     @property
     def critical(self) -> bool:
         """Whether the rules drive."""
-        before_line = self._lines is not None and self._lines.critical
+        before_line = self._knows_lines and self._lines.critical
         return self.rules is not None and (self.rules.watch.critical or before_line)
 
     @property
@@ -110,7 +110,6 @@ class MasterObservation:
         self._was_critical = self.critical
         if self.rules is not None:
             self.rules.observe(self.seen)
-        if self._lines is not None:
             self._lines.update(speed, self.seen["junctions_ahead"])
 
     def follow(self, option: Manoeuvre) -> None:
