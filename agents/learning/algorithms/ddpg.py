@@ -1,7 +1,7 @@
 """Deep deterministic policy gradient (Lillicrap et al. 2016): a critic, a deterministic actor, and targets of both.
 
-Which loss moves what: the Bellman error moves the critic and the encoder; the critic's value moves the actor, on
-features without gradient.
+Which loss moves what: the Bellman error moves the critic and the encoder; the value of the critic that has moved moves
+the actor, on features without gradient.
 
 The losses are those of TorchRL's DDPGLoss (a test compares them), written plainly for the reason given in `sac`.
 """
@@ -69,8 +69,9 @@ class Ddpg(OffPolicy[DdpgConfig]):
         self.target_actor = deepcopy(self.actor).requires_grad_(False)
         self.target_critic = deepcopy(self.critic).requires_grad_(False)
         self.policy = DdpgPolicy(self.encoder, self.actor, self._unit)
-        learned = parameter_groups(self.encoder, self.actor, self.critic)
-        self._optimizer = torch.optim.Adam(learned, lr=config.learning_rate, fused=True)
+        critic, actor = parameter_groups(self.encoder, self.critic), parameter_groups(self.actor)
+        self._critic_optimizer = torch.optim.Adam(critic, lr=config.learning_rate, fused=True)
+        self._actor_optimizer = torch.optim.Adam(actor, lr=config.learning_rate, fused=True)
 
     def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
         """The policy's action with noise, clipped to the action space."""
@@ -83,10 +84,9 @@ class Ddpg(OffPolicy[DdpgConfig]):
         values = self.critic(features, self._unit(batch["action"]))[0]
         errors = values - self.target_values(batch)
         loss_critic = weighted(errors.square(), batch)
+        _step(self._critic_optimizer, loss_critic)
         loss_actor = self.actor_loss(features.detach(), batch)
-        self._optimizer.zero_grad()
-        (loss_critic + loss_actor).backward()  # type: ignore[no-untyped-call]
-        self._optimizer.step()
+        _step(self._actor_optimizer, loss_actor)
         soft_update(self.target_actor, self.actor, self._config.tau)
         soft_update(self.target_critic, self.critic, self._config.tau)
         self.replay.prioritise(batch["index"], errors)
@@ -111,4 +111,11 @@ class Ddpg(OffPolicy[DdpgConfig]):
         """See `OffPolicy`."""
         modules = {"encoder": self.encoder, "actor": self.actor, "critic": self.critic}
         targets = {"target_actor": self.target_actor, "target_critic": self.target_critic}
-        return modules | targets | {"optimizer": self._optimizer}
+        optimizers = {"critic_optimizer": self._critic_optimizer, "actor_optimizer": self._actor_optimizer}
+        return modules | targets | optimizers
+
+
+def _step(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    optimizer.step()
