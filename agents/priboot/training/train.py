@@ -35,7 +35,7 @@ from dohyo.agents.perception.encoders.base import as_float
 from dohyo.agents.perception.feature_cache import cached_features
 from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE, TARGET, TARGET_M, TARGET_SCALE
 from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot, before_ego
-from dohyo.agents.priboot.training.views import Pictures, Split, load_split
+from dohyo.agents.priboot.training.views import Compressed, Pictures, Split, load_split
 from dohyo.agents.priboot.view import colours_of, masks_of
 
 MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m", "starts", "false_starts")
@@ -163,10 +163,12 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
 def seen_of(network: Priboot, config: TrainConfig, moments: Split) -> Seen:
     """What the head reads, by rows: maps from the cache of the frozen trunk, or from the trunk that learns."""
     if config.picture == "masks":
-        layers = np.concatenate([Pictures(path).layers for path in moments.paths])
+        layers = Compressed(moments.paths)
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # two thirds of the time
 
         def masks(rows: Tensor) -> tuple[Tensor, Tensor]:
             pictures = as_float(torch.from_numpy(masks_of(layers[rows.numpy()])))
+            pictures = pictures.contiguous(memory_format=torch.channels_last)
             return network.trunk(pictures), before_ego(pictures)
 
         return masks

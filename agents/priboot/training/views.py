@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from torch import Tensor, from_numpy
 
 from dohyo.agents.priboot.measurements import TARGET
 from dohyo.agents.priboot.recording.dataset import Moments, load_shard
-from dohyo.agents.priboot.view import colours_of
+from dohyo.agents.priboot.view import HEIGHT, WIDTH, colours_of
 from dohyo.agents.shards import find_shards
 from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -65,6 +66,21 @@ class Pictures:
         """(R, 160, 128) packed layers of all of them."""
         shard = load_shard(self._path)
         return shard.layers[_different(shard)]
+
+
+class Compressed:
+    """Packed layers of all different pictures of some shards, in memory in a thirtieth of their 41 kB each."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._pictures = [zlib.compress(picture, 1) for path in paths for picture in Pictures(path).layers]
+
+    def __len__(self) -> int:
+        return len(self._pictures)
+
+    def __getitem__(self, rows: IntArray) -> NDArray[np.uint16]:
+        """(N, 160, 128) some of them."""
+        unpacked = b"".join(zlib.decompress(self._pictures[row]) for row in rows)
+        return np.frombuffer(unpacked, np.uint16).reshape(len(rows), HEIGHT, WIDTH)
 
 
 def load_split(folder: Path, split: str, added: Sequence[Path] = ()) -> Split:

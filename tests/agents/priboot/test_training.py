@@ -23,7 +23,7 @@ from dohyo.agents.priboot.recording.intention import intended
 from dohyo.agents.priboot.recording.record import Drive, demonstrator, record_episode, record_moments
 from dohyo.agents.priboot.recording.scenarios import NETWORKS, OBSTACLES, MomentRequest, scenario
 from dohyo.agents.priboot.training.train import TrainConfig, some_drives, train
-from dohyo.agents.priboot.training.views import Pictures, load_split
+from dohyo.agents.priboot.training.views import Compressed, Pictures, load_split
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.units import TICK_S
@@ -168,6 +168,10 @@ def test_a_standing_ego_has_one_picture_for_all_its_views(data: Path) -> None:
     assert int(moments.row.max()) + 1 == len(pictures)
     standing = moments.measurements[:, 0, 0] < 0.05
     assert (moments.row[standing] == moments.row[standing][:, :1]).all()
+    rows = np.array([3, 0, len(pictures) - 1, 3])
+    np.testing.assert_array_equal(
+        Compressed([*moments.paths, *moments.paths])[rows + len(pictures)], pictures.layers[rows]
+    )
 
 
 @pytest.mark.parametrize("picture", ["colours", "masks"])
