@@ -5,10 +5,11 @@ and construction in the way ahead. That lights are obeyed is therefore no skill 
 
 Source: Coelho 2024, section 5.3; the distances are those of its code. It measures between centres: we take the gap
 before the bumper and add half of the ego and half of a usual one of its kind, so that a bus is no nearer than it looks.
-Ours: the distance grows by what the ego needs to stop behind another that brakes as hard; what stands is in the way
-only where the network's waypoints lead into it, so that the ego may go round, and is braked for where there is still
-room for that; what moves is so on the route, moved to where the ego is, too; and a light is braked for as hard as its
-distance asks, so that the ego does not stand far before the line.
+Ours: the distance grows by what the ego needs to stop behind another that brakes as hard, and by what one that comes
+towards it drives meanwhile; who walks or cycles goes on until the ego has stopped, and a vehicle that crosses as far as
+it needs to stop itself; what stands is in the way only where the network's waypoints lead into it, so that the ego may
+go round, and is braked for where there is still room for that; what moves is so on the route, moved to where the ego
+is, too; and a light is braked for as hard as its distance asks, so that the ego does not stand far before the line.
 """
 
 from __future__ import annotations
@@ -36,12 +37,19 @@ m/s^2."""
 LINE_M, MARGIN_M, MARGIN_STANDING_M = 1.5, 0.3, 0.1
 """Distance to a stop line at which the ego stands, and width added on each side of the ego; beside cars and cones that
 stand the network may drive closely."""
+SEEN_M: Final = 60
+"""How far ahead on its way the ego minds others, m: two cars that come towards each other at 50 km/h need as much."""
 RUN_UP_M: Final = 7.0
 """Free distance before the bumper that the ego needs to go round what stands."""
 STANDS_M_S, SHORTEST_M, TURNS_M = 0.3, 1.0, 10.0
 """Speed below which another one stands, shortest waypoints that tell where the ego goes, and length on which it turns
 back to the route's direction behind them."""
+SHORTEST_S, CROSSING = 0.5, 0.7
+"""Time for which who is on foot or on a bicycle is taken to go on, at least, and cosine of the angle to the way from
+which on a vehicle crosses it."""
 _VEHICLE = VehicleParameters()
+Ways = tuple[Float32Array, ...]
+"""The way that the network intends, and the route, each moved to where the ego is."""
 _CLASS = {int(ActorKind.PEDESTRIAN): "pedestrian", int(ActorKind.STATIC): "construction"}
 
 
@@ -60,6 +68,18 @@ class Verdict(NamedTuple):
 
 
 FREE: Final = Verdict(1.0, 0.0, "")
+
+
+class Meeting(NamedTuple):
+    """Where the ego meets a box on its way.
+
+    Attributes:
+        gap: Free distance before the front bumper, along the way, m.
+        direction: Of the way there, rad, ego frame.
+    """
+
+    gap: float
+    direction: float
 
 
 def judge(observation: Observation, speed: float, waypoints: FloatArray) -> Verdict:
@@ -82,44 +102,69 @@ def _lights(junctions: Float32Array, speed: float) -> Verdict:
 
 
 def _others(observation: Observation, speed: float, waypoints: FloatArray) -> list[Verdict]:
-    """A verdict for each other actor in the way."""
-    objects, route = observation["objects"], way_ahead(observation["path"])
-    intended, out = way_intended(route, waypoints), []
-    for kind, x, y, heading, their_speed, length, width, _ in objects[objects[:, 0] >= 0].tolist():
-        if x < -_VEHICLE.length or math.hypot(x, y) > TARGET_M + length:
-            continue
-        stands = their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN
-        ways, margin = ((intended,), MARGIN_STANDING_M) if stands else ((intended, route), MARGIN_M)
-        box = (x, y, heading, length, width + 2 * margin)
-        gap = min((gap for way in ways if (gap := gap_on(way, *box)) is not None), default=math.inf)
-        if gap == math.inf:
-            continue
-        name = _CLASS.get(int(kind), "vehicle")
-        along = max(their_speed * math.cos(heading), 0.0)
-        behind = max(speed**2 - along**2, 0.0) / (2 * BRAKING)
-        stop, free = (bound + behind for bound in BANDS[name])
-        distance = gap + _VEHICLE.length / 2 + HALF[name]
-        needed = speed**2 / (2 * max(gap - RUN_UP_M, 0.1)) if stands and gap > RUN_UP_M else 0.0
-        if distance < stop:
-            out.append(Verdict(0.0, 1.0, name))
-        elif needed > COMFORTABLE:
-            out.append(Verdict(0.0, min(needed / _VEHICLE.max_braking, 1.0), name))
-        elif distance < free:
-            out.append(Verdict((distance - stop) / (free - stop), 0.0, name))
-    return out
+    """A verdict for each other actor near the way."""
+    route = way_ahead(observation["path"], SEEN_M)
+    ways = (way_intended(route, waypoints), route)
+    return [_before(other, ways, speed) for other in _near(observation["objects"], ways, speed)]
 
 
-def way_ahead(path: Float32Array) -> Float32Array:
-    """(31, 2) the route's next 30 m, moved sideways to begin at the ego."""
-    points = path[BEHIND : BEHIND + TARGET_M + 1, :2]
+def _near(objects: Float32Array, ways: Ways, speed: float) -> list[list[float]]:
+    """Rows of those who may be on one of the ways before the ego has stopped."""
+    there = objects[(objects[:, 0] >= 0) & (objects[:, 1] > -_VEHICLE.length)]
+    apart = np.linalg.norm(there[:, None, 1:3] - np.vstack(ways)[None], axis=2).min(axis=1)
+    reach = np.hypot(there[:, 5], there[:, 6]) / 2 + there[:, 4] * max(speed / BRAKING, SHORTEST_S)
+    reach = np.maximum(reach, there[:, 4] ** 2 / (2 * BRAKING))
+    rows: list[list[float]] = there[apart < reach + _VEHICLE.width].tolist()
+    return rows
+
+
+def _before(other: list[float], ways: Ways, speed: float) -> Verdict:
+    """What an ego at a speed does before another one, a row of the sensor `objects`."""
+    kind, _, _, heading, their_speed, *_ = other
+    stands = their_speed < STANDS_M_S and kind != ActorKind.PEDESTRIAN
+    met = _met(other, ways[:1] if stands else ways, stands, speed)
+    if met is None:
+        return FREE
+    gap, direction = met
+    name = _CLASS.get(int(kind), "vehicle")
+    along = their_speed * math.cos(heading - direction)
+    behind = max(speed**2 - max(along, 0.0) ** 2, 0.0) / (2 * BRAKING) + max(-along, 0.0) * speed / BRAKING
+    stop, free = (bound + behind for bound in BANDS[name])
+    distance = gap + _VEHICLE.length / 2 + HALF[name]
+    needed = speed**2 / (2 * max(gap - RUN_UP_M, 0.1)) if stands and gap > RUN_UP_M else 0.0
+    if distance < stop:
+        return Verdict(0.0, 1.0, name)
+    if needed > COMFORTABLE:
+        return Verdict(0.0, min(needed / _VEHICLE.max_braking, 1.0), name)
+    return Verdict((distance - stop) / (free - stop), 0.0, name) if distance < free else FREE
+
+
+def _met(other: list[float], ways: Ways, stands: bool, speed: float) -> Meeting | None:
+    """The first meeting with another one: where it is now, and where it goes on before the ego can stop."""
+    kind, x, y, heading, their_speed, length, width, _ = other
+    width += 2 * (MARGIN_STANDING_M if stands else MARGIN_M)
+    met = [found for way in ways if (found := meeting(way, x, y, heading, length, width)) is not None]
+    # A vehicle may brake for the ego; what it needs to stop it drives in any case.
+    walks = kind in (ActorKind.PEDESTRIAN, ActorKind.BICYCLE)
+    on = their_speed * max(speed / BRAKING, SHORTEST_S) if walks else their_speed**2 / (2 * BRAKING)
+    if not stands:
+        ahead = (x + on / 2 * math.cos(heading), y + on / 2 * math.sin(heading), heading, length + on, width)
+        later = [found for way in ways if (found := meeting(way, *ahead)) is not None]
+        met += [found for found in later if walks or abs(math.cos(heading - found.direction)) < CROSSING]
+    return min(met, default=None)
+
+
+def way_ahead(path: Float32Array, metres: int = TARGET_M) -> Float32Array:
+    """(N + 1, 2) the route's next N metres, moved sideways to begin at the ego."""
+    points = path[BEHIND : BEHIND + metres + 1, :2]
     return np.asarray(points - points[0], dtype=np.float32)
 
 
 def way_intended(route: Float32Array, waypoints: FloatArray) -> Float32Array:
-    """(31, 2) the way ahead that leads through the waypoints; the route where these hardly leave the ego.
+    """(N + 1, 2) the way ahead that leads through the waypoints; the route where these hardly leave the ego.
 
     Args:
-        route: (31, 2) of `way_ahead`.
+        route: (N + 1, 2) of `way_ahead`.
         waypoints: (4, 2) m, ego frame.
 
     Returns:
@@ -148,8 +193,8 @@ def _directions(way: Float32Array) -> Float32Array:
     return along
 
 
-def gap_on(way: Float32Array, x: float, y: float, heading: float, length: float, width: float) -> float | None:
-    """Free distance before the front bumper to a box, along the way, m; None if the ego passes beside the box."""
+def meeting(way: Float32Array, x: float, y: float, heading: float, length: float, width: float) -> Meeting | None:
+    """Where the ego meets a box; None if it passes beside it, or its way ends before."""
     cos, sin = math.cos(heading), math.sin(heading)
     u, v = np.array([1, 1, -1, -1, 0]) * length / 2, np.array([1, -1, 1, -1, 0]) * width / 2
     corners = np.column_stack([x + u * cos - v * sin, y + u * sin + v * cos])
@@ -160,9 +205,10 @@ def gap_on(way: Float32Array, x: float, y: float, heading: float, length: float,
     across = along[near, 0] * offset[:, 1] - along[near, 1] * offset[:, 0]
     forward = near + (along[near] * offset).sum(axis=1)
     reach = _VEHICLE.width / 2
-    if across.min() > reach or across.max() < -reach or forward.max() < 0.0 or forward.min() >= TARGET_M:
+    if across.min() > reach or across.max() < -reach or forward.max() < 0.0 or forward.min() >= len(way) - 1:
         return None
-    return max(float(forward.min()) - _VEHICLE.length / 2, 0.0)
+    first = along[near[forward.argmin()]]
+    return Meeting(max(float(forward.min()) - _VEHICLE.length / 2, 0.0), math.atan2(first[1], first[0]))
 
 
 def straight_ahead(path: Float32Array, metres: float, most: float) -> bool:
@@ -176,4 +222,4 @@ def standing_gap(observation: Observation) -> float:
     objects, route = observation["objects"], way_ahead(observation["path"])
     standing = objects[(objects[:, 0] >= 0) & (objects[:, 4] < STANDS_M_S) & (objects[:, 1] > 0.0)]
     boxes = ((*row[1:4], row[5], row[6] + 2 * MARGIN_STANDING_M) for row in standing.tolist())
-    return min((gap for box in boxes if (gap := gap_on(route, *box)) is not None), default=math.inf)
+    return min((met.gap for box in boxes if (met := meeting(route, *box)) is not None), default=math.inf)

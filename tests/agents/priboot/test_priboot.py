@@ -128,6 +128,44 @@ def test_what_moves_on_the_route_stops_waypoints_that_lead_round_it() -> None:
     assert verdict(scene, ROUND_IT).cause == "vehicle"
 
 
+AHEAD = np.array([[4.0, 0.0], [8.0, 0.0], [12.0, 0.0], [16.0, 0.0]])
+AT_EIGHT = straight_road().with_ego(x=50.0, speed=8.0)
+LEFT, RIGHT = np.pi / 2, -np.pi / 2
+
+
+@pytest.mark.parametrize("kind", [ActorKind.PEDESTRIAN, ActorKind.BICYCLE])
+def test_it_brakes_for_who_is_about_to_walk_or_cycle_into_its_way(kind: ActorKind) -> None:
+    def crossing(speed: float, left: float, heading: float = LEFT) -> rules.Verdict:
+        return verdict(
+            AT_EIGHT.with_actor(61.0, speed, kind=kind, left=left, heading=heading, length=0.5, width=0.5), AHEAD
+        )
+
+    assert crossing(1.8, -3.5).brake == 1.0
+    assert crossing(1.8, 3.5) == rules.FREE, "it has crossed"
+    assert crossing(1.8, -3.5, RIGHT) == rules.FREE, "it walks away"
+    assert crossing(1.8, -3.5, 0.0) == rules.FREE, "it goes along the road"
+    assert crossing(0.0, -3.5) == rules.FREE, "it waits"
+
+
+def test_it_brakes_for_crossing_cars_that_can_no_longer_stop() -> None:
+    def crossing(speed: float, left: float) -> rules.Verdict:
+        return verdict(AT_EIGHT.with_actor(62.0, speed, left=left, heading=LEFT), AHEAD)
+
+    assert crossing(14.0, -20.0).brake == 1.0
+    assert crossing(8.0, -20.0) == rules.FREE, "it can stop"
+    assert crossing(14.0, 8.0) == rules.FREE, "it has crossed"
+
+
+def test_cars_on_the_other_lane_do_not_cross() -> None:
+    assert verdict(AT_EIGHT.with_actor(80.0, 14.0, left=3.2, heading=np.pi - 0.1), AHEAD) == rules.FREE
+
+
+def test_it_brakes_earlier_for_one_that_comes_towards_it() -> None:
+    fast, ahead = straight_road().with_ego(x=50.0, speed=14.0), AHEAD * 1.75
+    assert verdict(fast.with_actor(90.0, 8.0, heading=np.pi), ahead).brake == 1.0
+    assert verdict(fast.with_actor(90.0, 8.0), ahead) == rules.FREE
+
+
 def test_it_is_told_its_speed_its_limit_its_standstill_and_its_target(at_eight: Path) -> None:
     seen = observed(Priboot(policy=at_eight), straight_road().with_ego(x=50.0, left=1.5, speed=5.0).world())
     told = measured(seen, 120.0)
