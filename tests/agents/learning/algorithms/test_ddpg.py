@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.modules import ValueOperator
@@ -57,6 +59,48 @@ def test_its_losses_are_those_of_torchrl(tmp_path: Path) -> None:
     moved = -ddpg.critic(seen, actor(seen))[0].mean()
     assert found["loss_actor"].item() == pytest.approx(moved.item(), rel=1e-5), "by the critic that has moved"
     assert moved.item() != pytest.approx(expected["loss_actor"].item(), rel=1e-3)
+
+
+class _Stored:
+    """A replay buffer of stable-baselines3 that always samples the same transitions."""
+
+    def __init__(self, batch: TensorDict, unit: nn.Module) -> None:
+        from stable_baselines3.common.type_aliases import ReplayBufferSamples
+
+        after, seen = batch["next"], batch["observation", "observation"]
+        rows = (seen, unit(batch["action"]), after["observation", "observation"], after["terminated"].float())
+        self._rows = ReplayBufferSamples(*rows, after["reward"])
+
+    def sample(self, batch: int, env: None) -> Any:
+        return self._rows
+
+
+def test_its_updates_are_those_of_stable_baselines3(tmp_path: Path) -> None:
+    stable_baselines3 = pytest.importorskip("stable_baselines3")
+    ddpg, batch = learner(Ddpg, SMALL, Point(), tmp_path), transitions(Point(), 60)
+    theirs = stable_baselines3.DDPG(
+        "MlpPolicy", Point().make_env(0), learning_rate=SMALL.learning_rate, policy_kwargs={"net_arch": [32, 32]}
+    )
+    actor, critic = theirs.actor.mu, theirs.critic.q_networks[0]
+    with torch.no_grad():
+        for mine, other in zip(ddpg.actor.parameters(), actor.parameters(), strict=True):
+            other.copy_(mine)
+        for mine, other in zip(ddpg.critic.parameters(), critic.parameters(), strict=True):
+            other.copy_(mine[0].T if mine.ndim == 3 and mine.shape[1] > 1 else mine.reshape(other.shape))
+    theirs.actor_target.load_state_dict(theirs.actor.state_dict())
+    theirs.critic_target.load_state_dict(theirs.critic.state_dict())
+    theirs.set_logger(stable_baselines3.common.logger.Logger(None, []))
+    theirs.replay_buffer = _Stored(batch, ddpg._unit)
+    for _ in range(10):
+        ddpg.learn(batch)
+    theirs.train(gradient_steps=10, batch_size=60)
+    seen = batch["observation", "observation"]
+    action = ddpg.actor(seen)
+    torch.testing.assert_close(actor(seen), action, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(theirs.critic(seen, action)[0][:, 0], ddpg.critic(seen, action)[0], atol=1e-4, rtol=1e-4)
+    target = theirs.actor_target(seen)
+    torch.testing.assert_close(target, ddpg.target_actor(seen), atol=1e-5, rtol=1e-4)
+    assert (target - action).abs().max() > 1e-3, "the target follows slowly"
 
 
 def test_its_exploration_stays_in_the_action_space(tmp_path: Path) -> None:
