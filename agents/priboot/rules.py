@@ -6,10 +6,11 @@ and construction in the way ahead. That lights are obeyed is therefore no skill 
 Source: Coelho 2024, section 5.3; the distances are those of its code. It measures between centres: we take the gap
 before the bumper and add half of the ego and half of a usual one of its kind, so that a bus is no nearer than it looks.
 Ours: the distance grows by what the ego needs to stop behind another that brakes as hard, and by what one that comes
-towards it drives meanwhile; who walks or cycles goes on until the ego has stopped, and a vehicle that crosses as far as
-it needs to stop itself; what stands is in the way only where the network's waypoints lead into it, so that the ego may
-go round, and is braked for where there is still room for that; what moves is so on the route, moved to where the ego
-is, too; and a light is braked for as hard as its distance asks, so that the ego does not stand far before the line.
+towards it drives meanwhile; who walks or cycles goes on until the ego has stopped, a vehicle that crosses as far as it
+needs to stop itself, and see `foresight`; what stands is in the way only where the network's waypoints lead into it, so
+that the ego may go round, and is braked for where there is still room for that; what moves is so on the route, moved to
+where the ego is, too; and a light is braked for as hard as its distance asks, so that the ego does not stand far before
+the line.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from dohyo.agents.priboot.foresight import must_brake
 from dohyo.agents.priboot.measurements import TARGET_M
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -34,9 +36,9 @@ HALF: Final = {"vehicle": 2.3, "pedestrian": 0.25, "construction": 0.2}
 BRAKING, COMFORTABLE, HARDEST_YELLOW = 5.0, 2.5, 3.5
 """Decelerations: of the ego and of others, from which on it brakes for a line, and the largest for a yellow light,
 m/s^2."""
-LINE_M, MARGIN_M, MARGIN_STANDING_M = 1.5, 0.3, 0.1
+LINE_M, MARGIN_M, MARGIN_STANDING_M, MARGIN_S = 1.5, 0.3, 0.1, 0.03
 """Distance to a stop line at which the ego stands, and width added on each side of the ego; beside cars and cones that
-stand the network may drive closely."""
+stand the network may drive closely, and slowly the most, m per m/s."""
 SEEN_M: Final = 60
 """How far ahead on its way the ego minds others, m: two cars that come towards each other at 50 km/h need as much."""
 RUN_UP_M: Final = 7.0
@@ -44,7 +46,7 @@ RUN_UP_M: Final = 7.0
 STANDS_M_S, SHORTEST_M, TURNS_M = 0.3, 1.0, 10.0
 """Speed below which another one stands, shortest waypoints that tell where the ego goes, and length on which it turns
 back to the route's direction behind them."""
-SHORTEST_S, CROSSING = 0.5, 0.7
+SHORTEST_S, CROSSING = 1.5, 0.7
 """Time for which who is on foot or on a bicycle is taken to go on, at least, and cosine of the angle to the way from
 which on a vehicle crosses it."""
 _VEHICLE = VehicleParameters()
@@ -105,7 +107,9 @@ def _others(observation: Observation, speed: float, waypoints: FloatArray) -> li
     """A verdict for each other actor near the way."""
     route = way_ahead(observation["path"], SEEN_M)
     ways = (way_intended(route, waypoints), route)
-    return [_before(other, ways, speed) for other in _near(observation["objects"], ways, speed)]
+    verdicts = [_before(other, ways, speed) for other in _near(observation["objects"], ways, speed)]
+    foreseen = must_brake(observation["objects"], speed, waypoints)
+    return [*verdicts, Verdict(0.0, 1.0, "foreseen")] if foreseen else verdicts
 
 
 def _near(objects: Float32Array, ways: Ways, speed: float) -> list[list[float]]:
@@ -142,7 +146,7 @@ def _before(other: list[float], ways: Ways, speed: float) -> Verdict:
 def _met(other: list[float], ways: Ways, stands: bool, speed: float) -> Meeting | None:
     """The first meeting with another one: where it is now, and where it goes on before the ego can stop."""
     kind, x, y, heading, their_speed, length, width, _ = other
-    width += 2 * (MARGIN_STANDING_M if stands else MARGIN_M)
+    width += 2 * (MARGIN_STANDING_M + MARGIN_S * speed if stands else MARGIN_M)
     met = [found for way in ways if (found := meeting(way, x, y, heading, length, width)) is not None]
     # A vehicle may brake for the ego; what it needs to stop it drives in any case.
     walks = kind in (ActorKind.PEDESTRIAN, ActorKind.BICYCLE)

@@ -166,6 +166,34 @@ def test_it_brakes_earlier_for_one_that_comes_towards_it() -> None:
     assert verdict(fast.with_actor(90.0, 8.0), ahead) == rules.FREE
 
 
+LEFT_TURN = np.array([[2.5, 0.3], [4.9, 1.2], [7.1, 2.4], [8.9, 4.0]])
+LANE_CHANGE = np.array([[4.0, 0.2], [8.0, 0.9], [12.0, 2.0], [16.0, 3.2]])
+
+
+def test_it_gives_way_to_who_comes_towards_it_where_it_turns_left() -> None:
+    def oncoming(x: float, speed: float = 8.0, heading: float = np.pi) -> str:
+        return verdict(
+            straight_road().with_ego(x=50.0, speed=5.0).with_actor(x, speed, left=3.4, heading=heading), LEFT_TURN
+        ).cause
+
+    assert oncoming(76.0) == "foreseen"
+    assert oncoming(76.0, 0.0) == "", "it waits"
+    assert oncoming(90.0) == "", "it is far away"
+    assert oncoming(49.0) == "", "it has passed"
+    ahead = verdict(straight_road().with_ego(x=50.0, speed=5.0).with_actor(76.0, 8.0, left=3.4, heading=np.pi), AHEAD)
+    assert ahead == rules.FREE, "it does not turn"
+
+
+def test_it_does_not_change_lanes_into_who_drives_there() -> None:
+    def beside(x: float, speed: float) -> str:
+        return verdict(AT_EIGHT.with_actor(x, speed, left=3.2), LANE_CHANGE).cause
+
+    assert beside(49.0, 8.0) == "foreseen"
+    assert beside(43.0, 11.0) == "foreseen", "it overtakes"
+    assert beside(40.0, 8.0) == "", "it is behind and stays there"
+    assert verdict(AT_EIGHT.with_actor(49.0, 8.0, left=3.2), AHEAD) == rules.FREE
+
+
 def test_it_is_told_its_speed_its_limit_its_standstill_and_its_target(at_eight: Path) -> None:
     seen = observed(Priboot(policy=at_eight), straight_road().with_ego(x=50.0, left=1.5, speed=5.0).world())
     told = measured(seen, 120.0)
