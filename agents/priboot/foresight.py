@@ -16,8 +16,8 @@ from dohyo.sumo_networks.world import ActorKind
 
 STEP_S, CIRCLES = 0.25, 5
 """Time between two places that are compared, and circles that cover a vehicle."""
-MOVES_M_S, BRAKING = 0.3, 5.0
-"""Speed of one that moves, and deceleration of the ego, m/s^2."""
+STANDS_M_S, BRAKING = 0.3, 5.0
+"""Speed below which another one stands, and deceleration of the ego and of others, m/s^2."""
 TOWARDS, CROSSING, BESIDE = -0.5, 0.8, 0.87
 """Cosines of the heading of one that comes towards the ego, of the angle between two ways that cross, and of the
 heading of one that drives beside it."""
@@ -33,7 +33,7 @@ def must_brake(objects: Float32Array, speed: float, waypoints: FloatArray) -> bo
         speed: Of the ego, m/s.
         waypoints: (4, 2) every half second, m, ego frame.
     """
-    there = objects[np.isin(objects[:, 0], _VEHICLES) & (objects[:, 4] > MOVES_M_S)].astype(np.float64)
+    there = objects[np.isin(objects[:, 0], _VEHICLES) & (objects[:, 4] > STANDS_M_S)].astype(np.float64)
     towards, beside = np.cos(there[:, 3]) < TOWARDS, _beside(there)
     there, towards = there[towards | beside], towards[towards | beside]
     if not len(there):

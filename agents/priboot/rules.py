@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from dohyo.agents.priboot.foresight import must_brake
+from dohyo.agents.priboot.foresight import BRAKING, STANDS_M_S, must_brake
 from dohyo.agents.priboot.measurements import TARGET_M
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -33,9 +33,8 @@ BANDS: Final = {"vehicle": (7.0, 15.0), "pedestrian": (5.5, 12.5), "construction
 """Distance of the hard stop, and distance from which the throttle is weakened, m."""
 HALF: Final = {"vehicle": 2.3, "pedestrian": 0.25, "construction": 0.2}
 """Half the length of a usual one, m."""
-BRAKING, COMFORTABLE, HARDEST_YELLOW = 5.0, 2.5, 3.5
-"""Decelerations: of the ego and of others, from which on it brakes for a line, and the largest for a yellow light,
-m/s^2."""
+COMFORTABLE, HARDEST_YELLOW = 2.5, 3.5
+"""Decelerations from which on it brakes for a line, and the largest for a yellow light, m/s^2."""
 LINE_M, MARGIN_M, MARGIN_STANDING_M, MARGIN_S = 1.5, 0.3, 0.1, 0.03
 """Distance to a stop line at which the ego stands, and width added on each side of the ego; beside cars and cones that
 stand the network may drive closely, and slowly the most, m per m/s."""
@@ -43,9 +42,9 @@ SEEN_M: Final = 60
 """How far ahead on its way the ego minds others, m: two cars that come towards each other at 50 km/h need as much."""
 RUN_UP_M: Final = 7.0
 """Free distance before the bumper that the ego needs to go round what stands."""
-STANDS_M_S, SHORTEST_M, TURNS_M = 0.3, 1.0, 10.0
-"""Speed below which another one stands, shortest waypoints that tell where the ego goes, and length on which it turns
-back to the route's direction behind them."""
+SHORTEST_M, TURNS_M = 1.0, 10.0
+"""Shortest waypoints that tell where the ego goes, and length on which it turns back to the route's direction behind
+them."""
 SHORTEST_S, CROSSING = 1.5, 0.7
 """Time for which who is on foot or on a bicycle is taken to go on, at least, and cosine of the angle to the way from
 which on a vehicle crosses it."""
@@ -148,11 +147,12 @@ def _met(other: list[float], ways: Ways, stands: bool, speed: float) -> Meeting 
     kind, x, y, heading, their_speed, length, width, _ = other
     width += 2 * (MARGIN_STANDING_M + MARGIN_S * speed if stands else MARGIN_M)
     met = [found for way in ways if (found := meeting(way, x, y, heading, length, width)) is not None]
-    # A vehicle may brake for the ego; what it needs to stop it drives in any case.
-    walks = kind in (ActorKind.PEDESTRIAN, ActorKind.BICYCLE)
-    on = their_speed * max(speed / BRAKING, SHORTEST_S) if walks else their_speed**2 / (2 * BRAKING)
     if not stands:
-        ahead = (x + on / 2 * math.cos(heading), y + on / 2 * math.sin(heading), heading, length + on, width)
+        # A vehicle may brake for the ego; what it needs to stop it drives in any case.
+        walks = kind in (ActorKind.PEDESTRIAN, ActorKind.BICYCLE)
+        further = their_speed * max(speed / BRAKING, SHORTEST_S) if walks else their_speed**2 / (2 * BRAKING)
+        x, y = x + further / 2 * math.cos(heading), y + further / 2 * math.sin(heading)
+        ahead = (x, y, heading, length + further, width)
         later = [found for way in ways if (found := meeting(way, *ahead)) is not None]
         met += [found for found in later if walks or abs(math.cos(heading - found.direction)) < CROSSING]
     return min(met, default=None)

@@ -3,7 +3,8 @@
 Which loss moves what: the Bellman error moves the critic and the encoder; the value of the critic that has moved moves
 the actor, on features without gradient.
 
-The losses are those of TorchRL's DDPGLoss (a test compares them), written plainly for the reason given in `sac`.
+The losses are those of TorchRL's DDPGLoss, and the updates those of stable-baselines3 (tests compare both). They are
+written plainly for the reason given in `sac`.
 """
 
 from __future__ import annotations

@@ -222,7 +222,15 @@ class OffPolicy(ABC, Generic[C]):
         return {"parts": parts, "replay": self.replay.state(), "updates": self.updates, "due": self._due}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Restores a state."""
+        """Restores a state.
+
+        Raises:
+            InvalidInputError: It holds other parts, since another version of the algorithm wrote it.
+        """
+        if state["parts"].keys() != self.parts.keys():
+            raise InvalidInputError(
+                f"checkpoint: expected {', '.join(self.parts)}, got {', '.join(state['parts'])}; train anew"
+            )
         for name, part in self.parts.items():
             part.load_state_dict(state["parts"][name])
         self.replay.restore(state["replay"])

@@ -164,7 +164,7 @@ def seen_of(network: Priboot, config: TrainConfig, moments: Split) -> Seen:
     """What the head reads, by rows: maps from the cache of the frozen trunk, or from the trunk that learns."""
     if config.picture == "masks":
         layers = Compressed(moments.paths)
-        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # two thirds of the time
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
         def masks(rows: Tensor) -> tuple[Tensor, Tensor]:
             pictures = as_float(torch.from_numpy(masks_of(layers[rows.numpy()])))

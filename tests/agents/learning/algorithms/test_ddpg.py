@@ -1,4 +1,4 @@
-"""DDPG: its losses against TorchRL's, and a point brought to rest."""
+"""DDPG: its losses against TorchRL's, its updates against stable-baselines3's, and a point brought to rest."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import Any
 
 import pytest
 import torch
+from stable_baselines3 import DDPG
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
@@ -16,6 +19,7 @@ from torchrl.objectives import DDPGLoss
 
 from dohyo.agents.learning.algorithms.ddpg import Ddpg, DdpgConfig
 from dohyo.agents.learning.experience.replay import ReplayConfig
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.learners import learner, transitions
 from tests.agents.learning.problems import BEST_RETURN, Point
 
@@ -65,8 +69,6 @@ class _Stored:
     """A replay buffer of stable-baselines3 that always samples the same transitions."""
 
     def __init__(self, batch: TensorDict, unit: nn.Module) -> None:
-        from stable_baselines3.common.type_aliases import ReplayBufferSamples
-
         after, seen = batch["next"], batch["observation", "observation"]
         rows = (seen, unit(batch["action"]), after["observation", "observation"], after["terminated"].float())
         self._rows = ReplayBufferSamples(*rows, after["reward"])
@@ -76,9 +78,8 @@ class _Stored:
 
 
 def test_its_updates_are_those_of_stable_baselines3(tmp_path: Path) -> None:
-    stable_baselines3 = pytest.importorskip("stable_baselines3")
     ddpg, batch = learner(Ddpg, SMALL, Point(), tmp_path), transitions(Point(), 60)
-    theirs = stable_baselines3.DDPG(
+    theirs = DDPG(
         "MlpPolicy", Point().make_env(0), learning_rate=SMALL.learning_rate, policy_kwargs={"net_arch": [32, 32]}
     )
     actor, critic = theirs.actor.mu, theirs.critic.q_networks[0]
@@ -89,7 +90,7 @@ def test_its_updates_are_those_of_stable_baselines3(tmp_path: Path) -> None:
             other.copy_(mine[0].T if mine.ndim == 3 and mine.shape[1] > 1 else mine.reshape(other.shape))
     theirs.actor_target.load_state_dict(theirs.actor.state_dict())
     theirs.critic_target.load_state_dict(theirs.critic.state_dict())
-    theirs.set_logger(stable_baselines3.common.logger.Logger(None, []))
+    theirs.set_logger(Logger(None, []))
     theirs.replay_buffer = _Stored(batch, ddpg._unit)
     for _ in range(10):
         ddpg.learn(batch)
@@ -101,6 +102,14 @@ def test_its_updates_are_those_of_stable_baselines3(tmp_path: Path) -> None:
     target = theirs.actor_target(seen)
     torch.testing.assert_close(target, ddpg.target_actor(seen), atol=1e-5, rtol=1e-4)
     assert (target - action).abs().max() > 1e-3, "the target follows slowly"
+
+
+def test_a_checkpoint_of_other_parts_is_refused(tmp_path: Path) -> None:
+    ddpg = learner(Ddpg, SMALL, Point(), tmp_path)
+    state = ddpg.state()
+    state["parts"]["optimizer"] = state["parts"].pop("actor_optimizer")
+    with pytest.raises(InvalidInputError, match=r"expected .*actor_optimizer, got .*optimizer; train anew"):
+        ddpg.restore(state)
 
 
 def test_its_exploration_stays_in_the_action_space(tmp_path: Path) -> None:
