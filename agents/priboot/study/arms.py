@@ -31,6 +31,8 @@ class PribootArm:
     reported: tuple[float, float, float] | None = None
 
 
+FURTHER: Final = ("begin={full}", "steps=600", "validate_every=300", "learning_rate=1e-4")
+"""The thesis's learning rate, from the weights of `full` on."""
 TRAININGS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "full": (),
@@ -38,9 +40,11 @@ TRAININGS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "masks": ("picture=masks",),
         "data-30": ("share=0.3",),
         "data-10": ("share=0.1",),
+        "further": FURTHER,
+        "tuned": (*FURTHER, "tuned=true"),
     }
 )
-"""Settings of each training, on top of `SETTINGS`."""
+"""Settings of each training, on top of `SETTINGS`; {full} is the weights of `full` of the same seed."""
 ARMS: Final[Mapping[str, PribootArm]] = MappingProxyType(
     {
         "autopilot": PribootArm("the expert that was recorded", "", reported=(0.99, 0.22, 5.55)),
@@ -51,10 +55,14 @@ ARMS: Final[Mapping[str, PribootArm]] = MappingProxyType(
         "masks": PribootArm("masks, convolutions from scratch", "masks", reported=(5.55, 21.08, 54.02)),
         "data-30": PribootArm("30 % of the drives", "data-30"),
         "data-10": PribootArm("10 % of the drives", "data-10"),
+        "tuned": PribootArm("the whole trunk learns in 600 further steps", "tuned"),
+        "further": PribootArm("600 further steps, the trunk frozen", "further"),
     }
 )
 
 
-def config(training: str, seed: int) -> TrainConfig:
-    """Settings of a training."""
-    return read_settings(TrainConfig, SETTINGS, (*TRAININGS[training], f"seed={seed}"))
+def config(training: str, seed: int, runs: Path) -> TrainConfig:
+    """Settings of a training, in a folder of trainings TRAINING/seed-N."""
+    full = runs / "full" / f"seed-{seed}" / "priboot.safetensors"
+    own = (one.format(full=full) for one in TRAININGS[training])
+    return read_settings(TrainConfig, SETTINGS, (*own, f"seed={seed}"))

@@ -58,7 +58,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     arm, seed = ARMS[job[0].arm], job[0].training_seed
     name, settings, trained = "autopilot", {}, Row()
     if seed is not None:
-        train = partial(train_to_the_end, config(arm.training, seed))
+        train = partial(train_to_the_end, config(arm.training, seed, options.runs))
         policy = options.trained(f"{arm.training}/seed-{seed}", train, POLICY)
         name, settings, trained = "priboot", {"rules": arm.rules, "policy": str(policy)}, losses_of(policy.parent)
     record, _ = driven(scenario_of(job[0]), make_agent(*resolve_with(name, settings)))

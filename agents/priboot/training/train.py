@@ -3,8 +3,7 @@
     dohyo dataset priboot --out out/priboot/demonstrations
     dohyo train priboot --config agents/priboot/configs/priboot.toml --out out/priboot/full [--resume]
 
-The feature maps of the frozen trunk are computed once, and kept in half precision beside the demonstrations. With
-masks, whose trunk learns too, the pictures are unpacked for every batch.
+A training may begin from the weights of another, and tune the trunk, too.
 
 Source: Coelho 2024, section 5.3: L1 loss of the waypoints, Adam, half of the samples displaced, the speed's loss
 with a weight of 0.05. It has batches of 256, and a rate of 1e-4 and a decay of 1e-7 for the whole network; ours are for
@@ -13,15 +12,16 @@ the head alone, and the decay is that of AdamW.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
-from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import torch
 from pydantic import Field
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 from torch import Tensor
 
 from dohyo.agents.learning.files.report import Report
@@ -30,13 +30,11 @@ from dohyo.agents.learning.runs.config import Share
 from dohyo.agents.learning.runs.run import Run
 from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
-from dohyo.agents.perception.drives import Column
-from dohyo.agents.perception.encoders.base import as_float
-from dohyo.agents.perception.feature_cache import cached_features
 from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE, TARGET, TARGET_M, TARGET_SCALE
-from dohyo.agents.priboot.network import CompiledTrunk, PictureKind, Priboot, before_ego
-from dohyo.agents.priboot.training.views import Compressed, Pictures, Split, load_split
-from dohyo.agents.priboot.view import colours_of, masks_of
+from dohyo.agents.priboot.network import PictureKind, Priboot
+from dohyo.agents.priboot.training.seen import Seen, seen_of
+from dohyo.agents.priboot.training.views import Split, load_split
+from dohyo.sumo_networks.errors import InvalidInputError
 
 MEASURES = ("validation_loss", "displaced_loss", "validation_ade_m", "starts", "false_starts")
 STANDS_M_S, GOES_M, STARTS_M, STAYS_M = 0.3, 2.0, 1.0, 0.1
@@ -44,11 +42,6 @@ STANDS_M_S, GOES_M, STARTS_M, STAYS_M = 0.3, 2.0, 1.0, 0.1
 expert stays."""
 STRAIGHT_M, ASIDE_M = 1.5, 0.5
 """How far the route 30 m ahead is from straight on, and the expert in two seconds from that."""
-FEATURES = "features"
-"""Folder of the cached feature maps, in that of the demonstrations."""
-
-Seen = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Rows of the pictures -> (B, 8960) feature maps, and (B, L, 112, 32) pixels before the ego in [0, 1]."""
 
 
 class TrainConfig(SupervisedConfig):
@@ -67,7 +60,9 @@ class TrainConfig(SupervisedConfig):
         share: Of the drives.
         leaving: How often a moment counts in which the expert leaves a straight way, since these are one in thirty.
         starting: The same where it does so from a standstill, since these are one in several hundred.
-        picture: What the trunk reads: colours, frozen with ImageNet's weights, or masks, from scratch.
+        picture: What the trunk reads: colours, with ImageNet's weights, or masks, from scratch.
+        tuned: Whether the trunk of colours learns, too; that of masks always does.
+        begin: Weights of another training of such a network to begin from, a .safetensors file; None: none.
         validate_every: Steps.
         validation_moments: Number used during training, evenly spread.
     """
@@ -85,6 +80,8 @@ class TrainConfig(SupervisedConfig):
     leaving: Annotated[int, Field(gt=0)] = 1
     starting: Annotated[int, Field(gt=0)] = 1
     picture: PictureKind = "colours"
+    tuned: bool = False
+    begin: Path | None = None
     validate_every: Annotated[int, Field(gt=0)] = 500
     validation_moments: Annotated[int, Field(gt=0)] = 3000
     device: str = "cpu"
@@ -118,15 +115,15 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         The ONNX file.
 
     Raises:
-        InvalidInputError: There are no data, or the folder holds another training.
+        InvalidInputError: There are no data or no weights to begin from, or the folder holds another training.
         RunStoppedError: The training was stopped, and has written a checkpoint.
     """
     with closing(Run(order.name, order.out, config, order.resume, FREE | {"validation_moments"})) as run:
         torch.set_num_threads(1)
         torch.manual_seed(config.seed)
         moments, held_out = load_split(config.data, "train", config.added), load_split(config.data, "validation")
-        network = Priboot(config.picture)
-        seen, held_out_seen = (seen_of(network, config, some) for some in (moments, held_out))
+        network = network_of(config)
+        seen, held_out_seen = (seen_of(network, config.data, some) for some in (moments, held_out))
         chosen = some_drives(moments, config)
         index = torch.linspace(0, len(held_out) - 1, min(config.validation_moments, len(held_out))).long()
 
@@ -160,42 +157,24 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
         return run.folder / "priboot.onnx"
 
 
-def seen_of(network: Priboot, config: TrainConfig, moments: Split) -> Seen:
-    """What the head reads, by rows: maps from the cache of the frozen trunk, or from the trunk that learns."""
-    if config.picture == "masks":
-        layers = Compressed(moments.paths)
-        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+def network_of(config: TrainConfig) -> Priboot:
+    """The network before the first step.
 
-        def masks(rows: Tensor) -> tuple[Tensor, Tensor]:
-            pictures = as_float(torch.from_numpy(masks_of(layers[rows.numpy()])))
-            pictures = pictures.contiguous(memory_format=torch.channels_last)
-            return network.trunk(pictures), before_ego(pictures)
-
-        return masks
-    # A copy of each, since a view of what is before the ego keeps the whole picture in memory.
-    before = np.concatenate([before_ego(Pictures(path).layers).copy() for path in moments.paths])
-    maps = cached_maps(config.data / FEATURES, moments.paths)
-
-    def colours(rows: Tensor) -> tuple[Tensor, Tensor]:
-        numbers = rows.numpy()
-        return torch.from_numpy(maps[numbers]).float(), as_float(torch.from_numpy(colours_of(before[numbers])))
-
-    return colours
-
-
-def cached_maps(folder: Path, paths: list[Path], tell: Callable[[Path], None] = lambda path: None) -> Column:
-    """Feature maps of the frozen trunk over shards, computed where the folder does not hold them."""
-    trunk, parts = _compiled_trunk(), []
-    for path in paths:
-        parts.append(cached_features(trunk, Pictures(path), folder, dtype=np.float16))
-        tell(path)
-    return Column(parts, np.cumsum([0, *(len(part) for part in parts)]), "")
-
-
-@cache
-def _compiled_trunk() -> CompiledTrunk:
-    """The trunk, which takes more than a second to compile."""
-    return CompiledTrunk()
+    Raises:
+        InvalidInputError: The file to begin from is missing, or of another network.
+    """
+    network = Priboot(config.picture)
+    if config.begin is not None:
+        try:
+            network.load_state_dict(load_file(config.begin))
+        except (OSError, SafetensorError, RuntimeError) as error:
+            raise InvalidInputError(
+                f"begin: expected weights of a network that reads {config.picture}, '{config.begin}' has none: "
+                f"{str(error).splitlines()[0]}"
+            ) from error
+    if config.tuned:
+        network.trunk.requires_grad_()
+    return network
 
 
 def some_drives(moments: Split, config: TrainConfig) -> Tensor:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from dohyo.agents.learning.files.card import read_card
 from dohyo.agents.learning.files.report import no_report
@@ -30,6 +32,7 @@ from dohyo.sumo_networks.units import TICK_S
 from tests.agents.driving import drive
 from tests.worlds import straight_road
 
+SUFFIX = ".safetensors"
 ORDER = MomentRequest(samples=1, egos=2, every_s=0.5, episode_s=6.0)
 
 
@@ -181,6 +184,25 @@ def test_a_training_writes_a_policy_that_drives(picture: str, data: Path, tmp_pa
     assert read_card(written).trainer == "priboot"
     worlds = drive(Priboot(policy=written), straight_road().with_ego(x=50.0, speed=5.0), 0.5)
     assert np.isfinite(worlds[-1].egos.position).all()
+
+
+def test_a_training_goes_on_from_another_and_tunes_the_trunk(data: Path, tmp_path: Path) -> None:
+    def trained(name: str, **settings: Any) -> dict[str, torch.Tensor]:
+        config = TrainConfig(data=data, steps=2, batch=4, tensorboard=False, validate_every=2, **settings)
+        return load_file(train(config, TrainRequest("priboot", tmp_path / name, False, no_report)).with_suffix(SUFFIX))
+
+    first = trained("first")
+    begin = tmp_path / "first" / f"priboot{SUFFIX}"
+    further, tuned = (trained(str(tune), begin=begin, tuned=tune, learning_rate=1e-5) for tune in (False, True))
+    learned = "trunk.layers.0.norm.weight"
+    assert torch.equal(further[learned], first[learned])
+    assert not torch.equal(tuned[learned], first[learned])
+    for name, weights in first.items():
+        torch.testing.assert_close(tuned[name], weights, atol=1e-3, rtol=0.0, msg=f"{name} did not begin there")
+    with pytest.raises(InvalidInputError, match=r"begin: expected weights of a network that reads masks, .* has none"):
+        trained("masks", begin=begin, picture="masks")
+    with pytest.raises(InvalidInputError, match=r"begin: expected weights .* 'nowhere' has none"):
+        trained("nowhere", begin=Path("nowhere"))
 
 
 def test_routes_of_a_scenario_have_events() -> None:
