@@ -138,14 +138,15 @@ class Edition(Config):
     Attributes:
         name: Year and month.
         told: What it is, for readers of the page.
-        looked_at: Which of its seeds had been looked at before they were driven, or led to changes; "": none.
+        looked_at: Which of its seeds had been looked at before they were driven, or led to changes, a paragraph each;
+            empty: none.
         disciplines: By their order on the page.
         entrants: By their order on the page.
     """
 
     name: Line
     told: str = ""
-    looked_at: str = ""
+    looked_at: tuple[Line, ...] = ()
     disciplines: tuple[Discipline, ...] = Field(alias="discipline")
     entrants: tuple[Entrant, ...] = Field(alias="entrant")
 

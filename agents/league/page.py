@@ -27,12 +27,7 @@ def page(edition: Edition, rows: Sequence[Row], more: str = "") -> str:
     parts += [more] if more else []
     if missing := [one.title for one in edition.disciplines if not found[one.name]]:
         parts += ["## Not driven so far", "\n".join(f"* {title}." for title in missing)]
-    return (
-        "\n\n".join(
-            [*parts, "## Who enters", _entrants(edition), _RULES.format(looked_at=edition.looked_at or _UNSEEN)]
-        )
-        + "\n"
-    )
+    return "\n\n".join([*parts, "## Who enters", _entrants(edition), "## Seeds", _seeds(edition), _RULES]) + "\n"
 
 
 _HEAD: Final = """# League
@@ -43,7 +38,6 @@ In bold stands who leads a discipline, and everybody whose paired difference to 
 
 _RULES: Final = """## Rules
 
-* Seeds and samples stand in the edition's file, and were fixed before the first drive. {looked_at}
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 % after Holm's correction over all pairs of a discipline. Intervals are 95 % bootstraps over drives, not corrected.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
@@ -51,7 +45,13 @@ _RULES: Final = """## Rules
 * Numbers of the sources were measured in other simulators, with other traffic and roads. They stand here to be seen, not to be compared."""  # noqa: E501
 
 
-_UNSEEN: Final = "Nobody had looked at drives on them."
+def _seeds(edition: Edition) -> str:
+    """Who looked at which seeds."""
+    told = edition.looked_at or ("Nobody had looked at drives on them.",)
+    return "\n".join(
+        ["They stand in the edition's file with the samples, and were fixed before the first drive.", ""]
+        + [f"* {line}" for line in told]
+    )
 
 
 def _overview(edition: Edition, found: Mapping[str, Sequence[Place]]) -> str:

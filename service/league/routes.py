@@ -47,7 +47,7 @@ def league() -> LeagueView:
     return LeagueView(
         edition=edition.name,
         told=edition.told,
-        looked_at=edition.looked_at,
+        looked_at=list(edition.looked_at),
         disciplines=[_discipline(one, standings(one, edition.entrants_of(one), rows)) for one in edition.disciplines],
     )
 

@@ -54,5 +54,7 @@ class LeagueView(View):
 
     edition: Annotated[str, Field(description="Year and month of the edition.", examples=["2026-11"])]
     told: Annotated[str, Field(description="What the edition is.")]
-    looked_at: Annotated[str, Field(description="Which of its seeds had been looked at, or led to changes.")]
+    looked_at: Annotated[
+        list[str], Field(description="Which of its seeds had been looked at, or led to changes; empty: none.")
+    ]
     disciplines: Annotated[list[LeagueDisciplineView], Field(description="In the order of the edition.")]

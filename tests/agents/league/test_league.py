@@ -194,8 +194,8 @@ def test_the_published_edition_has_agents_benchmarks_and_weights_that_exist() ->
 def test_the_page_says_which_seeds_had_been_looked_at() -> None:
     edition = of_drivers("a")
     assert "Nobody had looked at drives on them." in page(edition, rows_of(a=[50.0]))
-    told = edition.model_copy(update={"looked_at": "Seed 5 was driven before."})
-    assert "Seed 5 was driven before." in page(told, rows_of(a=[50.0]))
+    told = edition.model_copy(update={"looked_at": ("Seed 5 was driven before.", "Seed 6, too.")})
+    assert "* Seed 5 was driven before.\n* Seed 6, too.\n" in page(told, rows_of(a=[50.0]))
 
 
 def test_the_front_leaves_out_who_is_slower_and_no_better() -> None:

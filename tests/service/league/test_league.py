@@ -17,7 +17,7 @@ from tests.service.harness import Harness, running
 def test_the_standings_are_those_of_the_published_rows(service: Harness) -> None:
     document = service.client.get("/v1/league").json()
     edition = read_edition()
-    assert (document["edition"], document["looked_at"]) == (edition.name, edition.looked_at)
+    assert (document["edition"], document["looked_at"]) == (edition.name, list(edition.looked_at))
     assert [one["name"] for one in document["disciplines"]] == [one.name for one in edition.disciplines]
     parking = next(one for one in document["disciplines"] if one["name"] == "parking")
     best, *others = parking["places"]

@@ -45,7 +45,8 @@ page(async () => {
     h("div", { class: "panel wide" }, table(LEADERS, driven, { name: "leaders", caption: "Who leads where" })),
     driven.map((one) => section(one, colour)),
     h("h2", {}, "Seeds"),
-    h("p", {}, `They were fixed before the first drive. ${looked_at}`),
+    h("p", {}, "They were fixed before the first drive."),
+    h("ul", {}, looked_at.map((one) => h("li", {}, one))),
     open.length && h("p", { class: "note" }, `Not driven so far: ${open.map((one) => one.title).join("; ")}.`),
   );
 });
