@@ -44,9 +44,13 @@ page(async () => {
     ),
     h("div", { class: "panel wide" }, table(LEADERS, driven, { name: "leaders", caption: "Who leads where" })),
     driven.map((one) => section(one, colour)),
-    h("h2", {}, "Seeds"),
-    h("p", {}, "They were fixed before the first drive."),
-    h("ul", {}, looked_at.map((one) => h("li", {}, one))),
+    h(
+      "section",
+      { class: "prose" },
+      h("h2", {}, "Seeds"),
+      h("p", {}, "They were fixed before the first drive."),
+      h("ul", {}, looked_at.map((one) => h("li", {}, one))),
+    ),
     open.length && h("p", { class: "note" }, `Not driven so far: ${open.map((one) => one.title).join("; ")}.`),
   );
 });
