@@ -31,7 +31,7 @@ class PribootArm:
     reported: tuple[float, float, float] | None = None
 
 
-FURTHER: Final = ("begin={full}", "steps=600", "validate_every=300", "learning_rate=1e-4")
+FURTHER: Final = ("begin={full}", "steps=300", "validate_every=300", "learning_rate=1e-4")
 """The thesis's learning rate, from the weights of `full` on."""
 TRAININGS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
@@ -55,8 +55,8 @@ ARMS: Final[Mapping[str, PribootArm]] = MappingProxyType(
         "masks": PribootArm("masks, convolutions from scratch", "masks", reported=(5.55, 21.08, 54.02)),
         "data-30": PribootArm("30 % of the drives", "data-30"),
         "data-10": PribootArm("10 % of the drives", "data-10"),
-        "tuned": PribootArm("the whole trunk learns in 600 further steps", "tuned"),
-        "further": PribootArm("600 further steps, the trunk frozen", "further"),
+        "tuned": PribootArm("the whole trunk learns in 300 further steps", "tuned"),
+        "further": PribootArm("300 further steps, the trunk frozen", "further"),
     }
 )
 
