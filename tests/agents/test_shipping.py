@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -21,15 +22,22 @@ LISTS = ("pyproject.toml", "agents/agents.toml", "agents/settings.json")
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """A checkout with the files that list agents."""
+    """A checkout with the files that list agents, none of which has RLAD."""
     (tmp_path / "agents" / "rlad").mkdir(parents=True)
     for name in LISTS:
         shutil.copy(ROOT / name, tmp_path / name)
+    project, declared, settings = (tmp_path / name for name in LISTS)
+    project.write_text(re.sub(r"^rlad = .*\n", "", project.read_text(), flags=re.MULTILINE))
+    declared.write_text(re.sub(r"\n\[rlad\]\n(?:\w.*\n)*", "", declared.read_text()))
+    schemas = json.loads(settings.read_text())
+    schemas.pop("rlad", None)
+    settings.write_text(json.dumps(schemas))
     return tmp_path
 
 
 def test_weights_are_shipped_with_their_card_and_the_name_is_registered_once(root: Path) -> None:
     drawn_policy(root / "run", TownConfig())
+    assert not any("rlad" in (root / name).read_text() for name in LISTS[1:])
     shipped = ship("rlad", root / "run", root)
     assert ship("rlad", root / "run", root) == shipped == root / "agents" / "rlad" / "checkpoints" / "rlad.onnx"
     assert read_card(shipped).trainer == "rlad"
