@@ -55,7 +55,10 @@ T = TypeVar("T", Tensor, NDArray[np.uint16])
 
 
 class Trunk(Encoder):
-    """(B, 3, 160, 128) colours to (B, 8960) flattened maps: EfficientNet-Lite0 with ImageNet's weights, frozen."""
+    """(B, 3, 160, 128) colours to (B, 8960) flattened maps: EfficientNet-Lite0 with ImageNet's weights.
+
+    It is frozen until a training lets it learn.
+    """
 
     def __init__(self, weights: Literal["imagenet", "random"] = "imagenet") -> None:
         """Loads the weights.
@@ -69,7 +72,7 @@ class Trunk(Encoder):
         self.requires_grad_(False).eval()
 
     def train(self, mode: bool = True) -> Trunk:
-        """Stays in evaluation: the moments of the batch normalisations are ImageNet's."""
+        """Stays in evaluation: the moments of the batch normalisations are ImageNet's, also where the weights learn."""
         return super().train(False)
 
     def encode(self, pictures: Tensor) -> Tensor:
