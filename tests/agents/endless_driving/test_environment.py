@@ -69,7 +69,7 @@ def test_training_stays_in_its_town_and_goals_follow_each_other_for_the_whole_ti
 
 @pytest.mark.parametrize(
     ("expert", "said"),
-    [("nobody", "no agent named 'nobody'"), ("rlad", "no shipped weights"), ("parking", "drive cars")],
+    [("nobody", "no agent named 'nobody'"), ("parking", "drive cars")],
 )
 def test_an_expert_that_cannot_be_made_is_refused_before_a_run_begins(expert: str, said: str) -> None:
     with pytest.raises(InvalidInputError, match=said):
