@@ -7,7 +7,7 @@ report their state once a second, a plan is published once a minute, and vehicle
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -45,15 +45,25 @@ class Arm:
         design: No control; the smoothed state as a speed limit; or a buffer besides, by rule or learned.
         forecast: Of the segments: only pings; the last report as the present; a network that brings it up to the
             present; or the true speeds.
+        penetration: Share of connected cars; None: the morning's.
     """
 
     design: Design = "none"
     forecast: Forecast = "none"
+    penetration: float | None = None
 
     @property
     def name(self) -> str:
-        """Such as "rule+oracle"; "none" without control."""
-        return "none" if self.design == "none" else f"{self.design}+{self.forecast}"
+        """Such as "rule+oracle" or, with another penetration, "rule+oracle@1%"; "none" without control."""
+        if self.design == "none":
+            return "none"
+        share = "" if self.penetration is None else f"@{100.0 * self.penetration:g}%"
+        return f"{self.design}+{self.forecast}{share}"
+
+    @property
+    def learned(self) -> bool:
+        """Whether a part of it was trained; the shipped weights are one training."""
+        return self.design == "learned" or self.forecast == "sa-lstm"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +89,10 @@ class Morning:
     set_points: SetPoints = "none"
     planner: PlannerConfig = field(default_factory=PlannerConfig)
 
+    def of_arm(self, arm: Arm) -> Morning:
+        """The morning with the penetration of an arm."""
+        return self if arm.penetration is None else replace(self, penetration=arm.penetration)
+
     def scenario(self, seed: int) -> FreewayScenario:
         """Scenario with the lead-in during which the feed runs."""
         return FreewayScenario(
@@ -103,7 +117,7 @@ def run(arm: Arm, seed: int, morning: Morning | None = None, forecaster: str | P
         InvalidInputError: The arm needs a trained network that is not there.
         SimulationError: SUMO failed.
     """
-    return watched(worlds(arm, seed, Morning() if morning is None else morning, forecaster))
+    return watched(worlds(arm, seed, (morning or Morning()).of_arm(arm), forecaster))
 
 
 def watched(driven: Iterable[FreewayWorld]) -> Outcome:

@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, Final
 
 from dohyo.agents.speed_planning.study.dissipation import (
     DESIGNS,
@@ -20,22 +20,32 @@ from dohyo.agents.speed_planning.study.dissipation import (
     controlled,
     watched,
 )
-from dohyo.agents.studies.arms import Place
+from dohyo.agents.studies.arms import Cell, Place
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
 
-BENCHMARK = "dissipation"
-ARMS: Mapping[str, Arm] = {
-    arm.name: arm
-    for arm in (Arm(), *(Arm(design, forecast) for design, forecast in product(DESIGNS[1:], FORECASTS)))  # type: ignore[arg-type]
-}
+BENCHMARK, FURTHER = "dissipation", "dissipation-further"
+"""Mornings of all arms, and further ones of the arms that were chosen on them."""
+SEEDS: Final[Mapping[str, range]] = {BENCHMARK: range(10), FURTHER: range(10, 50)}
+PLANS: Final = tuple(Arm(design, forecast) for design, forecast in product(DESIGNS[1:], FORECASTS))  # type: ignore[arg-type]
+CHOSEN: Final = ("limit+persistence", "rule+persistence")
+"""Two designs that need no oracle: the least deviation, and the least loss of throughput."""
+PENETRATIONS: Final = (0.01, 0.02, 0.1)
+"""Beside the 5 % of all other arms."""
+FLEETS: Final = tuple(Arm("rule", "persistence", share) for share in PENETRATIONS)
+ARMS: Final[Mapping[str, Arm]] = {arm.name: arm for arm in (Arm(), *PLANS, *FLEETS)}
 
 
-def morning_place(seed: int) -> Place:
+def morning_place(seed: int, benchmark: str = BENCHMARK) -> Place:
     """Scenario of a seed."""
-    return Place(BENCHMARK, "morning", seed)
+    return Place(benchmark, "morning", seed)
+
+
+def lead_in_of(cell: Cell) -> tuple[int | None, float | None]:
+    """Key of the lead-in of a cell: its seed and its arm's penetration."""
+    return cell.seed, ARMS[cell.arm].penetration
 
 
 def drive_morning(morning: Morning, forecaster: str, job: Job) -> Iterator[Row]:
@@ -47,9 +57,10 @@ def drive_morning(morning: Morning, forecaster: str, job: Job) -> Iterator[Row]:
     Args:
         morning: Settings of the mornings.
         forecaster: Shipped name or file behind the forecast sa-lstm.
-        job: Cells of one seed.
+        job: Cells of one lead-in, see `lead_in_of`.
     """
     seed = job[0].seed or 0
+    morning = morning.of_arm(ARMS[job[0].arm])
     with FreewaySimulation(morning.scenario(seed), fuel=False) as simulation:
         lead_in = LeadIn.driven(simulation, seed, morning.start_s)
         for cell in job:

@@ -1,4 +1,4 @@
-"""Study `dissipation`: thirteen plans for connected cars on the same mornings, paired.
+"""Study `dissipation`: plans for connected cars on the same mornings, paired.
 
 python -m dohyo.agents.studies dissipation run --workers 2
 python -m dohyo.agents.studies dissipation table --rows out/studies/dissipation
@@ -12,7 +12,16 @@ from pathlib import Path
 from typing import Final
 
 from dohyo.agents.speed_planning.study.dissipation import Morning, SetPoints, buffer_policy, segment_speeds
-from dohyo.agents.speed_planning.study.mornings import ARMS, drive_morning, morning_place
+from dohyo.agents.speed_planning.study.mornings import (
+    ARMS,
+    BENCHMARK,
+    CHOSEN,
+    FURTHER,
+    SEEDS,
+    drive_morning,
+    lead_in_of,
+    morning_place,
+)
 from dohyo.agents.speed_planning.study.tables import judged, tables
 from dohyo.agents.studies.arms import Block, Cell, cells_of
 from dohyo.agents.studies.rows import Row
@@ -53,8 +62,18 @@ class Options(Config):
 
 
 def cells(options: Options) -> list[Cell]:
-    """Every arm on ten mornings."""
-    return cells_of([Block([*ARMS], (None,), [morning_place(seed) for seed in range(10)])])
+    """Every arm on ten mornings, and no plan and the chosen designs on forty further ones."""
+    wanted = {FURTHER: ("none", *CHOSEN), BENCHMARK: tuple(ARMS)}
+    return cells_of(
+        Block([arm], (_training(arm),), [morning_place(seed, benchmark) for seed in SEEDS[benchmark]])
+        for benchmark, arms in wanted.items()
+        for arm in arms
+    )
+
+
+def _training(arm: str) -> int | None:
+    """Seed of the shipped weights, which are one training, or None."""
+    return 0 if ARMS[arm].learned else None
 
 
 def check(options: Options, wanted: Sequence[Cell], workers: int) -> None:
@@ -70,14 +89,14 @@ def work(options: Options, job: Job) -> Iterator[Row]:
 
 
 STUDY = Study(
-    summary="plans for connected cars on ten mornings of the freeway",
+    summary="plans for connected cars on mornings of the freeway",
     room=Path(__file__).parents[1],
     published="mornings",
     options=Options,
     cells=cells,
     work=work,
     tables={"dissipation": tables},
-    together=lambda cell: cell.seed,
+    together=lead_in_of,
     prepare=check,
     fresh=True,
     judged=judged,
