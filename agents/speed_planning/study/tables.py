@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from dohyo.agents.speed_planning.study.dissipation import DESIGNS
-from dohyo.agents.speed_planning.study.mornings import ARMS
+from dohyo.agents.speed_planning.study.mornings import ARMS, BENCHMARK, CHOSEN, FLEETS, FURTHER, PLANS
 from dohyo.agents.studies.claims import Claim, Judgement, Relation
 from dohyo.agents.studies.rows import Row, by_arm, matched
 from dohyo.agents.studies.study import Results, judging
@@ -29,37 +29,64 @@ COMPARED: Final[Mapping[str, Relation]] = {
     "throughput_vph": ">", "speed_std_mps": "<", "speed_std_within_mps": "<", "fuel_circles_g_km": "<",
 }  # fmt: skip
 """Metrics of the claims, and what a better arm has."""
-AGAINST_NONE: Final = tuple((arm, "none") for arm in ARMS if arm != "none")
+AGAINST_NONE: Final = tuple((arm.name, "none") for arm in PLANS)
 BETTER_FORECAST: Final = tuple(
     (f"{design}+{forecast}", f"{design}+persistence")
     for design in DESIGNS[1:]
     for forecast in ("sa-lstm", "oracle", "none")
 )
+FLEET: Final = tuple((arm.name, "none") for arm in FLEETS)
+FURTHER_PAIRS: Final = (*((arm, "none") for arm in CHOSEN), CHOSEN[::-1])
+PAIRS: Final[Mapping[str, Sequence[tuple[str, str]]]] = {
+    FURTHER: FURTHER_PAIRS, BENCHMARK: (*AGAINST_NONE, *BETTER_FORECAST, *FLEET),
+}  # fmt: skip
 CLAIMS: Final = [
-    Claim(arm, relation, other, metric, ablation=13)
-    for arm, other in (*AGAINST_NONE, *BETTER_FORECAST)
+    Claim(arm, relation, other, metric, where=where, ablation=13)
+    for where, pairs in PAIRS.items()
+    for arm, other in pairs
     for metric, relation in COMPARED.items()
 ]
 judged = judging(CLAIMS)
 
 
 def tables(results: Results) -> str:
-    """Every arm, every arm against none, and the effect of another forecast."""
-    rows = results.kept
-    found = {(one.claim.left, one.claim.right, one.claim.measure): one for one in judged(results)}
+    """The chosen designs on further mornings; every arm, against none, by forecast and by penetration, on ten."""
+    parts = []
+    for where, told in ((FURTHER, "Further mornings"), (BENCHMARK, "Mornings of all arms")):
+        rows = [row for row in results.kept if row["benchmark"] == where]
+        if rows:
+            parts.append(f"### {told}\n\n{_means(rows)}")
+            found = {
+                (one.claim.left, one.claim.right, one.claim.measure): one
+                for one in judged(results)
+                if one.claim.where == where
+            }
+            parts += [
+                f"{head}, same seeds, %:\n\n{table}"
+                for head, pairs in _compared(where)
+                if (table := _differences(rows, found, pairs))
+            ]
+    return "\n\n".join(parts)
+
+
+def _compared(where: str) -> Iterable[tuple[str, Sequence[tuple[str, str]]]]:
+    """Heads of the tables of differences of a place, and their pairs."""
+    if where == FURTHER:
+        return (("One against the other", FURTHER_PAIRS),)
+    return (
+        ("Against `none`", AGAINST_NONE),
+        ("Another forecast against persistence", BETTER_FORECAST),
+        ("Other shares of connected cars, against `none`", FLEET),
+    )
+
+
+def _means(rows: Sequence[Row]) -> str:
+    """Means of every arm with their intervals."""
     means = [
         [arm, str(len(own)), *(mean_of(own, arm, metric, digits) for metric, (_, digits) in SHOWN.items())]
         for arm, own in by_arm(rows, ARMS).items()
     ]
-    return "\n".join(
-        (
-            markdown(["arm", "n", *(head for head, _ in SHOWN.values())], means),
-            "\nAgainst `none`, same seeds, %:\n",
-            _differences(rows, found, AGAINST_NONE),
-            "\nAnother forecast against persistence, same seeds, %:\n",
-            _differences(rows, found, BETTER_FORECAST),
-        )
-    )
+    return markdown(["arm", "n", *(head for head, _ in SHOWN.values())], means)
 
 
 def _differences(
@@ -71,13 +98,14 @@ def _differences(
         cells = [_percent(rows, one) for one in verdicts if one is not None]
         if cells and verdicts[0] is not None:
             lines.append([arm, other, str(verdicts[0].difference.n), *cells])
-    return markdown(["arm", "against", "n", *(SHOWN[metric][0].partition(",")[0] for metric in COMPARED)], lines)
+    heads = ["arm", "against", "n", *(SHOWN[metric][0].partition(",")[0] for metric in COMPARED)]
+    return markdown(heads, lines) if lines else ""
 
 
 def _percent(rows: Sequence[Row], one: Judgement) -> str:
     """A difference as a share of the other arm's mean on the same seeds, %, with its interval and side."""
     mine, other = (matched(rows, arm, one.claim.measure) for arm in (one.claim.left, one.claim.right))
-    base = [by[None] for key, by in other.items() if key in mine]
+    base = [value for key, by in other.items() if key in mine for value in by.values()]
     scale, difference = 100.0 * len(base) / sum(base), one.difference
     if difference.mean is None or difference.low is None or difference.high is None:
         return ""

@@ -1,7 +1,8 @@
-"""The study of plans: thirteen arms on the same mornings, their changes in percent, and copies of a process."""
+"""The study of plans: arms on the same mornings, their changes in percent, and copies of a process."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,17 +21,21 @@ OUTCOME = {
 }  # fmt: skip
 
 
-def rows(arm: str, *deviations: float) -> list[Row]:
+def rows(arm: str, *deviations: float, training: int | None = None) -> list[Row]:
     return [
-        {**Cell(arm, None, *morning_place(seed))._asdict(), **OUTCOME, "speed_std_mps": value}
+        {**Cell(arm, training, *morning_place(seed))._asdict(), **OUTCOME, "speed_std_mps": value}
         for seed, value in enumerate(deviations)
     ]
 
 
-def test_thirteen_arms_on_ten_mornings() -> None:
-    assert len(ARMS) == 13
-    assert {"none", "limit+none", "rule+oracle", "learned+sa-lstm"} <= set(ARMS)
-    assert len(cells(Options())) == 130
+def test_all_arms_have_ten_mornings_and_the_chosen_designs_forty_further_ones() -> None:
+    wanted = cells(Options())
+    assert {"none", "limit+none", "rule+oracle", "learned+sa-lstm", "rule+persistence@1%"} <= set(ARMS)
+    seeds = {arm: {cell.seed for cell in wanted if cell.arm == arm} for arm in ARMS}
+    assert seeds["learned+oracle"] == seeds["rule+persistence@10%"] == set(range(10))
+    assert seeds["none"] == seeds["limit+persistence"] == seeds["rule+persistence"] == set(range(50))
+    assert {cell.training_seed for cell in wanted if cell.arm in ("rule+sa-lstm", "learned+none")} == {0}
+    assert {cell.training_seed for cell in wanted if cell.arm in ("none", "rule+oracle")} == {None}
     assert Options().morning == Morning()
     assert Options(minutes=10.0, kernel_m=5000.0).morning.planner.kernel_m == 5000.0
 
@@ -40,6 +45,11 @@ def test_the_tables_say_the_change_in_percent_on_the_seeds_of_both() -> None:
     text = tables(Results(some, {}))
     assert "| limit+oracle | none | 8 | +0.0 [+0.0, +0.0] = | -20.0 [-20.0, -20.0] < |" in text
     assert "| none | 9 | 5000 [5000, 5000] |" in text
+
+
+def test_one_training_resolves_nothing() -> None:
+    some = [*rows("none", *[10.0] * 8), *rows("learned+oracle", *[8.0] * 8, training=0)]
+    assert "| learned+oracle | none | 8 | +0.0 [+0.0, +0.0] = | -20.0 [-20.0, -20.0] = |" in tables(Results(some, {}))
 
 
 def test_few_mornings_resolve_nothing() -> None:
@@ -77,6 +87,10 @@ def test_a_short_morning_alone_and_from_a_shared_lead_in() -> None:
     assert {name: rule[name] for name in alone} == alone
     assert none["speed_std_mps"] != rule["speed_std_mps"]
     assert alone["travelled_km"] > 20
+    with_few = in_a_copy("with few", lambda: run(Arm("rule", "persistence", 0.01), 1, morning).as_dict())
+    without = in_a_copy("without", lambda: run(Arm(), 1, replace(morning, penetration=0.01)).as_dict())
+    assert without == {name: none[name] for name in without}, "connected cars that get no plan drive as all others"
+    assert with_few != alone
     assert alone["least_ttc_s"] > 0
     assert alone["fuel_sumo_g_km"] > 20
 
