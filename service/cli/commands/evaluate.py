@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -236,15 +236,18 @@ def parse_names(text: str) -> list[str]:
     return names
 
 
+_WORDS: Final[Mapping[str, bool | None]] = {"true": True, "false": False, "null": None}
+
+
 def parse_settings(pairs: list[str]) -> dict[str, Any]:
-    """Settings from key=value pairs; a value that is no Python literal is text."""
+    """Settings from key=value pairs: true, false and null as in JSON, Python literals, and text otherwise."""
     settings: dict[str, Any] = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not key.isidentifier():
             raise InvalidInputError(f"--set '{pair}': expected key=value")
         try:
-            settings[key] = ast.literal_eval(value)
+            settings[key] = _WORDS[value] if value in _WORDS else ast.literal_eval(value)
         except (ValueError, SyntaxError):
             settings[key] = value
     return settings
