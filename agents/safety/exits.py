@@ -69,8 +69,8 @@ class ExitMonitor:
 def without_room(speed: float, junctions: Float32Array, neighbours: Iterable[Neighbour]) -> BoolArray:
     """(4,) junctions that `ExitMonitor` closes, without its patience; arguments are those of `ExitMonitor.update`.
 
-    A queue is an actor in the ego's way, inside the junction or behind it, that stands or creeps. Whoever drives between
-    it and the ego takes a place before the ego does.
+    A queue is an actor in the ego's way, inside the junction or behind it, that stands or creeps. Whoever drives
+    between it and the ego takes a place before the ego does.
     """
     ego = VehicleParameters()
     front, side = ego.length / 2, ego.width / 2 + SIDE_M
