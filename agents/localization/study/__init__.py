@@ -1,1 +1,4 @@
-"""The study of filters: synthetic journeys, tables, figures."""
+"""The studies of filters: synthetic journeys, the arms of row 21 with their claims, tables, figures."""
+
+STUDIES = {"localization": "study"}
+"""Studies by name."""

@@ -25,7 +25,7 @@ import numpy as np
 from dohyo.agents.localization.filters.base import FilterNoise
 from dohyo.agents.localization.filters.lowpass import ALPHA
 from dohyo.agents.localization.localizer import Fix, Localizer
-from dohyo.agents.localization.settings import CarConstraint, Settings
+from dohyo.agents.localization.settings import CarConstraint, OutlierPolicy, Settings
 from dohyo.agents.localization.study.synthetic import ROUTES, Journey, Recording, journey_named, record
 from dohyo.agents.localization.track import EstimatedTrack, follow
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
@@ -58,6 +58,7 @@ class Cell:
         sigma_m: Of the fixes' error.
         correlated_share: Share of that error's variance that changes slowly.
         vibration: Of the accelerometer, m/s^2.
+        outliers: Treatment of fixes that surprise the filter; "none" where the filters themselves are compared.
     """
 
     arm: str
@@ -66,6 +67,11 @@ class Cell:
     sigma_m: float
     correlated_share: float = 0.5
     vibration: float = 0.0
+    outliers: OutlierPolicy = "none"
+
+    def with_receiver(self, rate_hz: float, sigma_m: float) -> Cell:
+        """The same with another receiver."""
+        return replace(self, rate_hz=rate_hz, sigma_m=sigma_m)
 
 
 def cells(filters: tuple[str, ...] = FILTERS) -> Iterator[Cell]:
@@ -115,7 +121,7 @@ def run_cell(cell: Cell, route: str, seed: int) -> dict[str, float]:
         gnss_sigma_m=cell.sigma_m,
         noise=FilterNoise.of(imu),
         start="standing",
-        outliers="none",  # the filters themselves are compared
+        outliers=cell.outliers,
         car=CarConstraint(level_rad=None),
     )
     try:
