@@ -8,6 +8,7 @@ An arm is CALIBRATION-RATE, such as "low-pass-10hz": an ES-EKF without any treat
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -78,8 +79,8 @@ def work(options: Options, job: Job) -> Iterator[Row]:
 
 
 def _finite(value: float) -> float | None:
-    """The value, or None if it is not a number, which JSON does not know."""
-    return round(value, 6) if value == value else None  # noqa: PLR0124 - NaN differs from itself
+    """The value, or None if it is no number, which JSON does not know."""
+    return round(value, 6) if math.isfinite(value) else None
 
 
 def _claims(sigma_m: float) -> tuple[Claim, ...]:

@@ -2,7 +2,7 @@
 
     python -m dohyo.agents.rlad.study.endings out/rlad/twin/seed-0/policy.onnx     # 2 minutes of a core
 
-A policy that sees no red light runs it at full speed; one that sees it and does not come to a stand creeps over the line.
+A policy that sees no red light runs it at full speed; one that sees it and comes to no stand creeps over the line.
 """
 
 from __future__ import annotations
