@@ -18,14 +18,16 @@ import pytest
 import typer
 
 from dohyo.agents.forecasting.registry import shipped
-from dohyo.agents.registry import TRAINABLE, agent_entries, resolve
+from dohyo.agents.registry import TRAINABLE, agent_entries, resolve, resolve_with, wrapped_entries
 from dohyo.agents.speed_planning.benchmark import NOBODY, PLANNER
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names, find_family
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.families import Family
+from dohyo.evaluation.settings import check_settings
 from dohyo.service.cli import app
+from dohyo.service.cli.commands.evaluate import parse_settings
 from dohyo.service.cli.lazy import LazyCommand
 from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.service.settings import Settings
@@ -123,6 +125,18 @@ def test_every_agent_and_benchmark_of_a_command_exists(path: Path) -> None:
                     load_entry(resolve(one), "agent")
                 else:
                     make_agent(agent_entries().get(one, one))
+
+
+@document
+def test_every_setting_of_an_agent_in_a_command_is_one_that_it_takes(path: Path) -> None:
+    for words in dohyo_commands(path.read_text()):
+        agent = dict(pairwise(words)).get("--agent")
+        pairs = [value for option, value in pairwise(words) if option == "--set"]
+        if words[:1] != ["evaluate"] or not pairs or agent not in agent_entries():
+            continue
+        entry, given = resolve_with(agent, parse_settings(pairs))
+        if wrapped_entries(entry, given)[0] == [entry]:
+            check_settings(load_entry(entry, "agent"), agent, given)
 
 
 @document
