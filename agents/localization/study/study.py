@@ -23,7 +23,7 @@ from dohyo.agents.studies.claims import Claim, of_ablation
 from dohyo.agents.studies.rows import Row, by_arm, grouped
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study, judging
-from dohyo.agents.studies.tables import claims_section, mean_of
+from dohyo.agents.studies.tables import claims_section, fixed, mean_of
 from dohyo.evaluation.report.style import markdown
 from dohyo.sumo_networks.config import Config
 
@@ -59,6 +59,11 @@ def place_of(sigma_m: float, route: str, seed: int) -> Place:
     return Place(f"sigma-{sigma_m:g}m", route, seed)
 
 
+def _sigma_of(benchmark: str) -> float:
+    """Error of the receiver of a place, m."""
+    return float(benchmark.removeprefix("sigma-").removesuffix("m"))
+
+
 class Options(Config):
     """The study has no options."""
 
@@ -73,8 +78,8 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     """Filters the journeys of a job; a filter that diverged has no error, and an accuracy of 0."""
     for cell in job:
         variant, rate = ARMS[cell.arm]
-        sigma = float(cell.benchmark.removeprefix("sigma-").removesuffix("m"))
-        found = run_cell(VARIANTS[variant].with_receiver(rate, sigma), cell.scenario, cell.seed or 0)
+        receiver = VARIANTS[variant].with_receiver(rate, _sigma_of(cell.benchmark))
+        found = run_cell(receiver, cell.scenario, cell.seed or 0)
         yield {**cell._asdict(), **{name: _finite(found[name]) for name in MEASURES}}
 
 
@@ -83,7 +88,7 @@ def _finite(value: float) -> float | None:
     return round(value, 6) if math.isfinite(value) else None
 
 
-def _claims(sigma_m: float) -> tuple[Claim, ...]:
+def _claims_at(sigma_m: float) -> tuple[Claim, ...]:
     def claim(left: str, relation: str, right: str, measure: str = "accuracy", rate: float = 10.0) -> Claim:
         names = (one if one in ARMS else arm_of(one, rate) for one in (left, right))
         return Claim(next(names), relation, next(names), measure, f"sigma-{sigma_m:g}m")  # type: ignore[arg-type]
@@ -101,8 +106,13 @@ def _claims(sigma_m: float) -> tuple[Claim, ...]:
     )
 
 
-CLAIMS: Final = tuple(claim for sigma in SIGMAS_M for claim in _claims(sigma))
+CLAIMS: Final = tuple(claim for sigma in SIGMAS_M for claim in _claims_at(sigma))
 judged = judging(CLAIMS)
+claims = claims_section(
+    judged,
+    ("claim", "where", "measure", "n"),
+    lambda one: fixed(one.difference, 1 if one.claim.measure == "accuracy" else 4),
+)
 
 
 def shares_table(results: Results) -> str:
@@ -114,7 +124,7 @@ def shares_table(results: Results) -> str:
             [variant, *(mean_of(there.get(arm, []), arm, "accuracy") for arm in _rates(variant))]
             for variant in VARIANTS
         ]  # fmt: skip
-        heads = [f"within 0.5 m, %: {where.replace('-', ' ')}", *(f"{rate:g} Hz" for rate in RATES_HZ)]
+        heads = [f"within 0.5 m, %: sigma {_sigma_of(where):g} m", *(f"{rate:g} Hz" for rate in RATES_HZ)]
         parts.append(markdown(heads, lines))
     return "\n\n".join(parts)
 
@@ -130,7 +140,7 @@ STUDY = Study(
     options=Options,
     cells=cells,
     work=work,
-    tables={"arms": shares_table, "claims": claims_section(judged, ("claim", "where", "measure"))},
+    tables={"arms": shares_table, "claims": claims},
     together=lambda cell: (cell.benchmark, cell.arm),
     judged=judged,
 )

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
 
 from dohyo.agents.priboot.study.arms import ARMS
-from dohyo.agents.studies.claims import Claim
-from dohyo.agents.studies.rows import Row, by_place, infractions_per_km
-from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.claims import Claim, Judgement, Relation, judge_rows
+from dohyo.agents.studies.rows import Row, by_place, grouped, infractions_per_km
+from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_section, mean_of, rounded
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.sumo_networks.arrays import FloatArray
 
 MEASURES: Final[Mapping[str, str]] = {
     "driving_score": "DS, %",
@@ -40,15 +42,59 @@ CLAIMS: Final = tuple(
         ("data-10", "driving_score"),
     )
 )
-judged = judging(CLAIMS)
-claims = claims_section(
-    judged, ("claim", "benchmark", "measure", "n"), rounded, {"measure": lambda one: MEASURES[one.claim.measure]}
+PAIRED: Final = ("autopilot", "full", "no-rules")
+"""Arms whose drives are also joined in pairs, to judge what a longer route does to a score."""
+_LENGTHENED: Final[Mapping[str, Relation]] = {"driving_score": "<", "irs": "="}
+LENGTH_CLAIMS: Final = tuple(
+    Claim(f"{arm} x 2", relation, f"{arm} x 1", measure, where, ablation=20)
+    for where, arms in (("nocrash", PAIRED), ("leaderboard", ("full",)))
+    for arm in arms
+    for measure, relation in _LENGTHENED.items()
 )
 SCORES: Final = (("IP", 2), ("DS, %", 1), ("IRS, L driven, %", 1), ("IRS, L route, %", 1))
 """Of `joined`, with their decimals."""
 JOINED: Final = (1, 2, 4, 8, 16)
 """Number of drives that are joined to one route."""
 ROUTES, SEED, LAMBDA = 400, 0, 4.0
+
+
+def judged(results: Results) -> list[Judgement]:
+    """All claims on the drives, and on the same drives joined in pairs."""
+    rows = results.kept
+    return judge_rows((*CLAIMS, *LENGTH_CLAIMS), (*rows, *in_pairs(rows)))
+
+
+claims = claims_section(
+    judged, ("claim", "benchmark", "measure", "n"), rounded, {"measure": lambda one: MEASURES[one.claim.measure]}
+)
+
+
+def in_pairs(rows: Sequence[Row]) -> list[Row]:
+    """Rows of two drives each, neighbours in the order of their names: as two routes (x 1) and joined (x 2).
+
+    A drive without a partner is left out.
+    """
+    found = list[Row]()
+    for network, arm, own in by_place(rows, PAIRED):
+        for training, some in grouped(own, "training_seed").items():
+            drives = sorted(some, key=itemgetter("scenario", "seed"))
+            for one, other in zip(drives[::2], drives[1::2], strict=False):
+                cell = {"training_seed": training, "benchmark": network, "seed": one["seed"]}
+                cell["scenario"] = f"{one['scenario']}, {other['scenario']}"
+                alone = [_scores(_parts(one)), _scores(_parts(other))]
+                both = _scores(np.add(_parts(one), _parts(other)))
+                for times, scores in ((1, np.mean(alone, axis=0)), (2, both)):
+                    measures = dict(zip(_LENGTHENED, scores.tolist(), strict=True))
+                    found.append({**cell, "arm": f"{arm} x {times}", **measures})
+    return found
+
+
+def _scores(parts: Sequence[float] | FloatArray) -> FloatArray:
+    """Driving score and infraction rate score of what `_parts` has, %."""
+    done, route, driven, log_penalty, weight = parts
+    completion = 100.0 * done / route
+    rate = math.exp(-LAMBDA * weight * 1000.0 / max(driven, 1.0))
+    return np.array([completion * math.exp(log_penalty), completion * rate])
 
 
 def arms_table(results: Results) -> str:

@@ -6,9 +6,11 @@ import math
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dohyo.agents.priboot.study import hesitation
-from dohyo.agents.priboot.study.tables import JOINED, joined
+from dohyo.agents.priboot.study.tables import JOINED, in_pairs, joined
 from dohyo.agents.studies.rows import Row
 from dohyo.sumo_networks.scenario import Traffic
 from tests.agents.priboot.test_priboot import policy
@@ -31,6 +33,25 @@ def test_at_a_constant_rate_only_the_driving_score_falls_with_the_length() -> No
         assert score == pytest.approx(80.0 * 0.6**count)
         assert irs == pytest.approx(80.0 * math.exp(-2.0))
         assert by_route == pytest.approx(80.0 * math.exp(-1.6))
+
+
+def on_missions(*drives: Row) -> list[Row]:
+    cell = {"arm": "autopilot", "training_seed": None, "benchmark": "nocrash", "seed": 0}
+    return [{**cell, "scenario": f"m{number}", **one} for number, one in enumerate(drives)]
+
+
+def test_two_equal_drives_joined_have_the_same_rate_score_and_a_lower_driving_score() -> None:
+    alone, both = in_pairs(on_missions(drive(1.0, 1), drive(1.0, 1), drive(1.0, 9)))
+    assert (alone["arm"], both["arm"]) == ("autopilot x 1", "autopilot x 2")
+    assert alone["driving_score"] == pytest.approx(60.0)
+    assert both["driving_score"] == pytest.approx(36.0)
+    assert alone["irs"] == pytest.approx(both["irs"]) == pytest.approx(100.0 * math.exp(-1.6))
+
+
+@given(st.integers(0, 9), st.integers(0, 9))
+def test_the_mean_rate_score_of_two_complete_drives_is_never_below_that_of_both_joined(one: int, other: int) -> None:
+    alone, both = in_pairs(on_missions(drive(1.0, one), drive(1.0, other)))
+    assert alone["irs"] >= both["irs"] - 1e-9  # Jensen's inequality: the score is convex in the rate
 
 
 def test_an_ego_that_stands_on_a_free_road_loses_all_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
