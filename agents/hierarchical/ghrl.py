@@ -40,11 +40,7 @@ class Ghrl(Agent):
     """
 
     def __init__(
-        self,
-        arm: Annotated[str, OneOf(ARMS)] = "ghrl-r",
-        checkpoint: str | Path | None = None,
-        lines: bool = True,
-        exits: bool = True,
+        self, arm: Annotated[str, OneOf(ARMS)] = "ghrl-r", checkpoint: str | Path | None = None, lines: bool = True
     ) -> None:
         """Reads the networks.
 
@@ -52,7 +48,6 @@ class Ghrl(Agent):
             arm: Of `ARMS`.
             checkpoint: Folder of the runs; None: the shipped ones.
             lines: Whether GHRL-R's rules drive before a closed line, too; the thesis's RSS knows no lines.
-            exits: Whether a line before a full exit counts as closed, where `lines` is set.
 
         Raises:
             UnknownNameError: There is no such arm.
@@ -76,7 +71,7 @@ class Ghrl(Agent):
             self._answer = exact(self._master)
             state, self._steering = self._master.manner.state, self._master.manner.steering
         self.files = (*self.files, *(file for one in (rules, self._guard) if one is not None for file in one.files))
-        self._outlook = MasterObservation(state, rules, lines, exits)
+        self._outlook = MasterObservation(state, rules, lines)
         self.files = (*self.files, *self._outlook.encoder.files)
         if self._master is not None and self._master.size != self._outlook.encoder.size:
             raise InvalidInputError(
@@ -165,7 +160,7 @@ class Ghrl(Agent):
             }
         rules = self._outlook.rules
         if rules is not None:
-            out |= {"rules_drive": self._ruled, "waits_for_room": self._outlook.exits.waits}
+            out["rules_drive"] = self._ruled
             out |= {
                 **((rules.explain() or {}) if self._ruled else {}),
                 "agent": self.spec.name,

@@ -11,7 +11,6 @@ from dohyo.agents.planning.surroundings import Surroundings, warm_up
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.agents.rules.facts import SENSORS
 from dohyo.agents.rules.rules_only import RulesOnly
-from dohyo.agents.safety.exits import ExitMonitor
 from dohyo.agents.safety.line_monitor import LineMonitor
 from dohyo.evaluation.agent import Mission, Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
@@ -36,23 +35,18 @@ class MasterObservation:
         state: Of the last observation.
         available: (options,) options that may begin now.
         finished: Whether the running option has reached its goal.
-        exits: Junctions ahead without room behind them.
     """
 
-    def __init__(
-        self, state: StateConfig, rules: RulesOnly | None = None, lines: bool = True, exits: bool = True
-    ) -> None:
+    def __init__(self, state: StateConfig, rules: RulesOnly | None = None, lines: bool = True) -> None:
         """Loads the state's encoder.
 
         Args:
             state: Configuration of the state.
             rules: Drive in critical intervals.
             lines: Whether an interval before a closed line is critical, too.
-            exits: Whether a line is closed while the exit behind it has no room; needs `lines`.
         """
         self.encoder, self.rules = StateEncoder(state), rules
-        self._lines, self._knows_lines, self._knows_exits = LineMonitor(), lines, exits and lines
-        self.exits = ExitMonitor()
+        self._lines, self._knows_lines = LineMonitor(), lines
         self.sensors = tuple(dict.fromkeys((*SENSORS, *self.encoder.sensors)))
         self.seen: Observation = {}
         self.believed: Observation = {}
@@ -79,8 +73,6 @@ class MasterObservation:
         self.finished, self._fresh, self._ticks = False, True, 0
         self._course, self._was_critical = Course(), False
         self._lines.reset()
-        self.exits.reset()
-        self._told: Observation = {}
         self._followed: Manoeuvre | None = None
 
     @property
@@ -117,16 +109,8 @@ class MasterObservation:
         self._speed, self._progress = speed, progress
         self._was_critical = self.critical
         if self.rules is not None:
-            self._watch_lines(speed)
-            self.rules.observe(self._told)
-
-    def _watch_lines(self, speed: float) -> None:
-        """Tells rules and lines that a junction without room behind it is closed."""
-        junctions = self.seen["junctions_ahead"]
-        if self._knows_exits:
-            junctions = self.exits.update(speed, junctions, self.around.neighbours)
-        self._lines.update(speed, junctions)
-        self._told = {**self.seen, "junctions_ahead": junctions} if self.exits.waits else self.seen
+            self.rules.observe(self.seen)
+            self._lines.update(speed, self.seen["junctions_ahead"])
 
     def follow(self, option: Manoeuvre) -> None:
         """Sets the path of an option; must be called in every tick that the option drives."""
@@ -150,7 +134,7 @@ class MasterObservation:
         assert self.rules is not None
         if not self._was_critical:
             self.rules.take_over()
-        return self.rules.decide(self._told)
+        return self.rules.decide(self.seen)
 
     def vector(self) -> Float32Array:
         """(size + options + FLAGS,) the outlook as one observation of an environment."""

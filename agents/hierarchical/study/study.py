@@ -16,7 +16,7 @@ from types import MappingProxyType
 from dohyo.agents.hierarchical.study.arms import Options
 from dohyo.agents.hierarchical.study.driving import drive
 from dohyo.agents.hierarchical.study.gap import gap_section
-from dohyo.agents.hierarchical.study.tables import arms_section, judged, rows_of, setting_section, unseen_section
+from dohyo.agents.hierarchical.study.tables import arms_section, judged, lines_section, rows_of, unseen_section
 from dohyo.agents.studies.arms import TRAININGS, Arm, Block, Cell, cells_of
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
@@ -25,8 +25,8 @@ from dohyo.agents.studies.study import Study
 from dohyo.evaluation.agent import Agent
 
 
-def _ghrl(arm: str, trained: str, isolates: str, lines: bool = False, exits: bool = False) -> Arm:
-    return Arm("ghrl", MappingProxyType({"arm": arm, "lines": lines, "exits": exits}), trained, isolates)
+def _ghrl(arm: str, trained: str, isolates: str, lines: bool = False) -> Arm:
+    return Arm("ghrl", MappingProxyType({"arm": arm, "lines": lines}), trained, isolates)
 
 
 ARMS: Mapping[str, Arm] = MappingProxyType(
@@ -35,8 +35,7 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "hrl": _ghrl("hrl", "hrl", "PPO alone"),
         "ghrl": _ghrl("ghrl", "ghrl", "imitation and guidance"),
         "ghrl-r": _ghrl("ghrl-r", "ghrl", "rules drive in critical intervals"),
-        "ghrl-r-exits": _ghrl("ghrl-r", "ghrl", "as shipped: full exits close lines, too", lines=True, exits=True),
-        "ghrl-r-lines": _ghrl("ghrl-r", "ghrl", "rules drive before closed lines, too", lines=True),
+        "ghrl-r-lines": _ghrl("ghrl-r", "ghrl", "as shipped: rules drive before closed lines, too", lines=True),
         "ghrl-r-no-lines": _ghrl("ghrl-r", "ghrl", "the same code, whose RSS knows no lines"),
         "ghrl-r-trained": _ghrl("ghrl-r", "ghrl-r", "its master was trained while rules drove in critical intervals"),
         "ghrl-s": _ghrl("ghrl-s", "ghrl", "rules as a shield at all times"),
@@ -46,8 +45,8 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "ghrl-r-pictures": _ghrl("ghrl-r", "ghrl-pictures", "pictures, and rules in critical intervals"),
     }
 )
-LINES, EXITS = ("ghrl-r-lines", "ghrl-r-no-lines"), ("ghrl-r-exits", "ghrl-r-lines")
-"""Arms that differ by the lines, and by the exits, alone; driven by later code than all others."""
+LINES = ("ghrl-r-lines", "ghrl-r-no-lines")
+"""Arms that differ by the lines alone, driven by later code than all others."""
 UNSEEN_TOWN = ("town-test.empty.test", "town-test.regular.test", "town-test.dense.test")
 PRECRASH, OBSTACLES = Sample("precrash", every=2), Sample("obstacles", every=6)
 NOCRASH = Sample("nocrash", UNSEEN_TOWN, every=3)
@@ -66,7 +65,7 @@ def cells(options: Options) -> list[Cell]:
         Block(("ghrl-s",), (0,), two),
         Block(("ghrl-r",), (0,), places_of(WHOLE)),
         Block(("ghrl-r",), TRAININGS, UNSEEN_TRAFFIC.places()),
-        Block((EXITS[0], *LINES), (0,), places_of((PRECRASH, Sample("nocrash"), UNSEEN_TRAFFIC))),
+        Block(LINES, (0,), places_of((PRECRASH, Sample("nocrash"), UNSEEN_TRAFFIC))),
     )
     return cells_of(blocks)
 
@@ -97,8 +96,7 @@ STUDY = Study(
         "benchmarks": arms_section(*MAIN),
         "other-arms": arms_section("ghrl", "ghrl-r-trained", "flat", "flat-guided", "ghrl-pictures", "ghrl-r-pictures"),
         "unseen-traffic": unseen_section,
-        "exits": setting_section(*EXITS),
-        "lines": setting_section(*LINES),
+        "lines": lines_section(*LINES),
         "gap": gap_section,
     },
     judged=lambda results: judged(rows_of(results, MAIN)),

@@ -46,7 +46,7 @@ def unseen_section(results: Results) -> str:
     return f"{success_table(rows, arms)}\n\n{failure_table(rows, arms)}" if rows else ""
 
 
-def setting_section(left: str, right: str) -> Callable[[Results], str]:
+def lines_section(left: str, right: str) -> Callable[[Results], str]:
     """Success of two arms that differ by a setting alone, and the paired differences; "" without both."""
 
     def section(results: Results) -> str:

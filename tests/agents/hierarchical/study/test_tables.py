@@ -139,7 +139,7 @@ def test_arms_that_never_drove_have_no_column_and_empty_tables_are_left_out():
 
 
 def test_two_arms_that_differ_by_a_setting_are_told_with_their_paired_difference():
-    section = tables.setting_section("ghrl-r-lines", "ghrl-r-no-lines")
+    section = tables.lines_section("ghrl-r-lines", "ghrl-r-no-lines")
     mine = drives_of("ghrl-r-lines", {0: [1, 1, 1, 0]})
     other = [
         {**row, "infractions": ["red_light"] if number < 2 else []}
