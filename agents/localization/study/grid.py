@@ -69,10 +69,6 @@ class Cell:
     vibration: float = 0.0
     outliers: OutlierPolicy = "none"
 
-    def with_receiver(self, rate_hz: float, sigma_m: float) -> Cell:
-        """The same with another receiver."""
-        return replace(self, rate_hz=rate_hz, sigma_m=sigma_m)
-
 
 def cells(filters: tuple[str, ...] = FILTERS) -> Iterator[Cell]:
     """All combinations: the grid, dead reckoning, purely white fixes, and vibration."""

@@ -27,11 +27,11 @@ from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
 
 BENCHMARK, FURTHER = "dissipation", "dissipation-further"
-"""Mornings of all arms, and further ones of the arms that were chosen on them."""
+"""Mornings of all arms, and further ones of two designs."""
 SEEDS: Final[Mapping[str, range]] = {BENCHMARK: range(10), FURTHER: range(10, 50)}
 PLANS: Final = tuple(Arm(design, forecast) for design, forecast in product(DESIGNS[1:], FORECASTS))  # type: ignore[arg-type]
 CHOSEN: Final = ("limit+persistence", "rule+persistence")
-"""Two designs that need no oracle: the least deviation, and the least loss of throughput."""
+"""Designs that need neither an oracle nor a training: without a buffer, and with the one by rule."""
 PENETRATIONS: Final = (0.01, 0.02, 0.1)
 """Beside the 5 % of all other arms."""
 FLEETS: Final = tuple(Arm("rule", "persistence", share) for share in PENETRATIONS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dohyo.agents.speed_planning.study.dissipation import DESIGNS
@@ -29,20 +29,26 @@ COMPARED: Final[Mapping[str, Relation]] = {
     "throughput_vph": ">", "speed_std_mps": "<", "speed_std_within_mps": "<", "fuel_circles_g_km": "<",
 }  # fmt: skip
 """Metrics of the claims, and what a better arm has."""
-AGAINST_NONE: Final = tuple((arm.name, "none") for arm in PLANS)
-BETTER_FORECAST: Final = tuple(
+Pairs = Sequence[tuple[str, str]]
+BETTER_FORECAST: Final[Pairs] = tuple(
     (f"{design}+{forecast}", f"{design}+persistence")
     for design in DESIGNS[1:]
     for forecast in ("sa-lstm", "oracle", "none")
 )
-FLEET: Final = tuple((arm.name, "none") for arm in FLEETS)
-FURTHER_PAIRS: Final = (*((arm, "none") for arm in CHOSEN), CHOSEN[::-1])
-PAIRS: Final[Mapping[str, Sequence[tuple[str, str]]]] = {
-    FURTHER: FURTHER_PAIRS, BENCHMARK: (*AGAINST_NONE, *BETTER_FORECAST, *FLEET),
-}  # fmt: skip
+TITLES: Final[Mapping[str, str]] = {FURTHER: "Further mornings", BENCHMARK: "Mornings of all arms"}
+PAIRS: Final[Mapping[str, Mapping[str, Pairs]]] = {
+    FURTHER: {"One against the other": (*((arm, "none") for arm in CHOSEN), CHOSEN[::-1])},
+    BENCHMARK: {
+        "Against `none`": tuple((arm.name, "none") for arm in PLANS),
+        "Another forecast against persistence": BETTER_FORECAST,
+        "Other shares of connected cars, against `none`": tuple((arm.name, "none") for arm in FLEETS),
+    },
+}
+"""Arms that are compared, by benchmark and head of the table."""
 CLAIMS: Final = [
     Claim(arm, relation, other, metric, where=where, ablation=13)
-    for where, pairs in PAIRS.items()
+    for where, tables_of in PAIRS.items()
+    for pairs in tables_of.values()
     for arm, other in pairs
     for metric, relation in COMPARED.items()
 ]
@@ -50,34 +56,17 @@ judged = judging(CLAIMS)
 
 
 def tables(results: Results) -> str:
-    """The chosen designs on further mornings; every arm, against none, by forecast and by penetration, on ten."""
-    parts = []
-    for where, told in ((FURTHER, "Further mornings"), (BENCHMARK, "Mornings of all arms")):
-        rows = [row for row in results.kept if row["benchmark"] == where]
-        if rows:
-            parts.append(f"### {told}\n\n{_means(rows)}")
-            found = {
-                (one.claim.left, one.claim.right, one.claim.measure): one
-                for one in judged(results)
-                if one.claim.where == where
-            }
-            parts += [
-                f"{head}, same seeds, %:\n\n{table}"
-                for head, pairs in _compared(where)
-                if (table := _differences(rows, found, pairs))
-            ]
+    """Means and differences: of the chosen designs on further mornings, and of all arms on ten."""
+    parts, verdicts = [], judged(results)
+    for where, title in TITLES.items():
+        if rows := [row for row in results.kept if row["benchmark"] == where]:
+            claims = [(one.claim, one) for one in verdicts if one.claim.where == where]
+            found = {(claim.left, claim.right, claim.measure): one for claim, one in claims}
+            parts.append(f"### {title}\n\n{_means(rows)}")
+            for head, pairs in PAIRS[where].items():
+                if table := _differences(rows, found, pairs):
+                    parts.append(f"{head}, same seeds, %:\n\n{table}")
     return "\n\n".join(parts)
-
-
-def _compared(where: str) -> Iterable[tuple[str, Sequence[tuple[str, str]]]]:
-    """Heads of the tables of differences of a place, and their pairs."""
-    if where == FURTHER:
-        return (("One against the other", FURTHER_PAIRS),)
-    return (
-        ("Against `none`", AGAINST_NONE),
-        ("Another forecast against persistence", BETTER_FORECAST),
-        ("Other shares of connected cars, against `none`", FLEET),
-    )
 
 
 def _means(rows: Sequence[Row]) -> str:
@@ -89,9 +78,8 @@ def _means(rows: Sequence[Row]) -> str:
     return markdown(["arm", "n", *(head for head, _ in SHOWN.values())], means)
 
 
-def _differences(
-    rows: Sequence[Row], found: Mapping[tuple[str, str, str], Judgement], pairs: Iterable[tuple[str, str]]
-) -> str:
+def _differences(rows: Sequence[Row], found: Mapping[tuple[str, str, str], Judgement], pairs: Pairs) -> str:
+    """A row per pair of arms that both have rows; "" without any."""
     lines = []
     for arm, other in pairs:
         verdicts = [found.get((arm, other, metric)) for metric in COMPARED]

@@ -45,6 +45,8 @@ from dohyo.service.policies.agent import ENTRY as POLICY
 from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.sumo_networks.errors import InvalidInputError
 
+_WORDS: Final[Mapping[str, bool | None]] = {"true": True, "false": False, "null": None}
+
 
 class Engine(StrEnum):
     """Executor of the episodes."""
@@ -234,9 +236,6 @@ def parse_names(text: str) -> list[str]:
     if not all(names):
         raise InvalidInputError(f"--only '{text}': expected names of cells or missions, separated by commas")
     return names
-
-
-_WORDS: Final[Mapping[str, bool | None]] = {"true": True, "false": False, "null": None}
 
 
 def parse_settings(pairs: list[str]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dohyo.agents.priboot.study import hesitation
-from dohyo.agents.priboot.study.tables import JOINED, in_pairs, joined
+from dohyo.agents.priboot.study.lengths import JOINED, in_pairs, joined
 from dohyo.agents.studies.rows import Row
 from dohyo.sumo_networks.scenario import Traffic
 from tests.agents.priboot.test_priboot import policy
