@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -56,12 +56,14 @@ class Live:
         task: Task that drives it.
         remote: The remote episode, where a worker drives.
         processor_s: Processor time of the attempt so far, s.
+        began: When it was taken, of the monotonic clock, s.
     """
 
     ticket: Ticket
     task: asyncio.Task[None] | None = None
     remote: RemoteEpisode | None = None
     processor_s: float = 0.0
+    began: float = field(default_factory=time.monotonic)
 
     @property
     def unclaimed(self) -> bool:
@@ -165,6 +167,7 @@ class Scheduler:
                     live = self._live[ticket.episode_id] = Live(ticket)
                     self._turns.begin(ticket.waiting.owner)
                     live.task = asyncio.create_task(self._drive(live))
+                    live.task.add_done_callback(partial(self._over, live))
             except (SQLAlchemyError, OSError) as error:
                 logger.warning("the queue cannot be read: %s", error)
                 await asyncio.sleep(RETRY_S)
@@ -207,7 +210,7 @@ class Scheduler:
     # One episode
 
     async def _drive(self, live: Live) -> None:
-        ticket, began = live.ticket, time.monotonic()
+        ticket = live.ticket
         try:
             await self._drive_to_an_end(live)
         except asyncio.CancelledError:
@@ -217,11 +220,13 @@ class Scheduler:
             logger.exception("episode %s", ticket.episode_id)
             failed = Outcome(End.FAILED, "an error of the service; its log tells more")
             await self._results.give_up(ticket, failed, live.processor_s)
-        finally:
-            del self._live[ticket.episode_id]
-            # An agent that sleeps holds a process, and one with many threads uses more than one processor.
-            self._turns.end(ticket.waiting.owner, max(live.processor_s, time.monotonic() - began))
-            self.wake()
+
+    def _over(self, live: Live, _: asyncio.Task[None]) -> None:
+        """Frees the place of an episode; of a task that was cancelled before its first step no line has run."""
+        del self._live[live.ticket.episode_id]
+        # An agent that sleeps holds a process, and one with many threads uses more than one processor.
+        self._turns.end(live.ticket.waiting.owner, max(live.processor_s, time.monotonic() - live.began))
+        self.wake()
 
     async def _drive_to_an_end(self, live: Live) -> None:
         ticket = live.ticket

@@ -269,3 +269,30 @@ def test_drives_that_outlast_the_drain_are_queued_again_and_a_step_under_way_is_
         assert (left.status, left.attempts) == (EpisodeStatus.QUEUED, 0)
         assert service.evaluation(evaluation).status is EvaluationStatus.RUNNING
     wait_until(lambda: not any(Path(f"/proc/{one}").exists() for one in processes), "episode processes are left")
+
+
+def test_a_cancellation_before_an_episode_takes_its_first_step_frees_its_place(
+    shop: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The start of an episode and its cancellation come in one turn of the event loop; there is one process."""
+    create, cancelled = asyncio.create_task, list[str]()
+
+    def cancelled_at_once(work: Any, **options: Any) -> Any:
+        task = create(work, **options)
+        if work.__qualname__ == "Scheduler._drive" and not cancelled:
+            cancelled.append(task.get_name())
+            task.cancel()
+        return task
+
+    async def main() -> None:
+        async with scheduled(shop) as running:
+            first = submit(shop, "first")
+            await until(lambda: bool(cancelled))
+            await running.cancel(first)
+            second = submit(shop, "second")
+            await until(lambda: shop.evaluation(second).status is EvaluationStatus.DONE)
+            assert shop.evaluation(first).status is EvaluationStatus.CANCELLED
+            await until(lambda: running.snapshot()["running"] == 0)
+
+    monkeypatch.setattr(asyncio, "create_task", cancelled_at_once)
+    asyncio.run(main())
