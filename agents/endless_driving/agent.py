@@ -44,7 +44,7 @@ class EndlessDriver(PolicyAgent):
         town = town_of(path, self.trainer)
         frames = town.frames if town.view == "picture" else 1
         seen = make_view(town.view, town.max_speed, town.history, town.side)
-        decoder = TargetSpeed(town.max_speed)
+        decoder = TargetSpeed(town.max_speed, town.stand_below)
         super().__init__(self.trainer, path, seen, decoder, frames=frames, action_repeat=ACTION_REPEAT)
         self.files = (*self.files, path.with_name(CARDS))
 

@@ -49,7 +49,7 @@ class EndlessDrivingEnv(gymnasium.Env[Any, Array]):
         """Prepares; the simulation starts at `reset`."""
         town = self._town = task.town
         self._view = make_view(town.view, town.max_speed, town.history, town.side)
-        self._decoder = TargetSpeed(town.max_speed)
+        self._decoder = TargetSpeed(town.max_speed, town.stand_below)
         told = task.expert
         self._expert: Expert | None = None
         if told is not None:

@@ -147,15 +147,24 @@ def next_junction(junctions: Float32Array) -> Float32Array:
 
 
 class TargetSpeed(ActionDecoder):
-    """(2,) in [-1, 1]: target speed from 0 to `max_speed`, and steering -> action of `target_speed_steering`."""
+    """(2,) in [-1, 1]: target speed from 0 to `max_speed`, and steering -> action of `target_speed_steering`.
 
-    def __init__(self, max_speed: float) -> None:
-        """See the class; `max_speed` in m/s."""
-        self.control, self._max_speed = "target_speed_steering", max_speed
+    A squashed Gaussian comes near -1 and never there, so a policy that wants to stand would creep.
+    """
+
+    def __init__(self, max_speed: float, stand_below: float = 0.0) -> None:
+        """Prepares.
+
+        Args:
+            max_speed: Target speed of an action of 1, m/s.
+            stand_below: A target speed below it, m/s, means 0.
+        """
+        self.control, self._max_speed, self._stand_below = "target_speed_steering", max_speed, stand_below
 
     def decode(self, action: Array, observation: Observation) -> Array:
         """See `ActionDecoder`."""
-        return np.array([(action[0] + 1.0) / 2.0 * self._max_speed, action[1]], np.float32)
+        speed = np.float32((action[0] + 1.0) / 2.0 * self._max_speed)
+        return np.array([speed if speed >= self._stand_below else 0.0, action[1]], np.float32)
 
 
 def make_view(view: View, max_speed: float, history: int, side: int = 64) -> EgoView:

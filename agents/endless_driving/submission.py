@@ -88,9 +88,11 @@ class _Acting(nn.Module):
 
     def __init__(self, town: TownConfig) -> None:
         super().__init__()
-        self._max_speed = town.max_speed
+        self._max_speed, self._stand_below = town.max_speed, town.stand_below
 
     def forward(self, chosen: Tensor, now: Tensor, last: Tensor) -> tuple[Tensor, Tensor]:
         """The policy's action (1, 2) -> action of `target_speed_steering` (2,), and the action that is held."""
         action = torch.where(now, chosen[0], last)
-        return torch.stack([(action[0] + 1.0) / 2.0 * self._max_speed, action[1]]), action
+        speed = (action[0] + 1.0) / 2.0 * self._max_speed
+        stands = speed < self._stand_below
+        return torch.stack([torch.where(stands, torch.zeros_like(speed), speed), action[1]]), action

@@ -30,6 +30,7 @@ class TownConfig(Config):
         frames: Pictures in a stack.
         history: Decisions whose speed and steering are seen.
         max_speed: Target speed of an action of 1, and of the reward on a free road, m/s.
+        stand_below: Target speed below which the ego stands, m/s; 0: it stands at a target of 0 alone, as released.
         obey_lights: Whether reward, endings and rule expert know lights and stop signs; NoCrash ignores them.
         held_out: Episodes of an evaluation.
     """
@@ -40,6 +41,7 @@ class TownConfig(Config):
     frames: Positive = 3
     history: Positive = 3
     max_speed: Annotated[float, Field(gt=0, le=15)] = 6.0
+    stand_below: Annotated[float, Field(ge=0, le=2)] = 0.0
     obey_lights: bool = True
     held_out: Annotated[int, Field(gt=0, le=1000)] = 10
 

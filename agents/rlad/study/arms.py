@@ -37,6 +37,7 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "no-light-loss": _part("no loss of lights", "light_loss=false", Reported(regular=49.0)),
         "no-local-mixing": _part("no A-LIX", "latent.local_mixing=false", Reported(regular=51.0)),
         "no-shifts": _part("no random shift, as released", "shifts=false", Reported()),
+        "no-standing": _part("stands at a target of 0 alone, as released", "town.stand_below=0", Reported()),
         "sac-ae": _rival("sac-ae", Reported(82.0, 42.0, 6.0)),
         "curl": _rival("curl", Reported(74.0, 30.0, 2.0)),
         "drq": _rival("drq", Reported(94.0, 42.0, 10.0)),
@@ -46,6 +47,7 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "one-route": DrivingArm("one route, again and again", PICTURES, _ONE_ROUTE),
         "empty-town": DrivingArm("no traffic", PICTURES, ("town.roads=empty", *_SHORT)),
         "twin": DrivingArm("exact state", TWIN),
+        "twin-no-standing": DrivingArm("exact state, stands at a target of 0 alone", TWIN, ("town.stand_below=0",)),
         "twin-no-waypoint-convolution": DrivingArm("exact state, plain layers", TWIN, ("latent.waypoints=plain",)),
     }
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import pytest
+import torch
 
 from dohyo.agents.endless_driving.agent import EndlessDriver
 from dohyo.agents.endless_driving.task import TownConfig
@@ -95,18 +96,34 @@ def test_a_policy_without_its_card_or_of_another_trainer_is_refused(tmp_path: Pa
         Rlad(policy)
 
 
-@pytest.mark.parametrize("town", [TownConfig(), TownConfig(frames=1, history=1, max_speed=5.0)])
-def test_a_service_takes_the_submission_and_it_drives_as_the_agent(tmp_path: Path, town: TownConfig) -> None:
-    policy, file = drawn_policy(tmp_path, town), tmp_path / "submission.onnx"
+def both(folder: Path, town: TownConfig) -> tuple[np.ndarray, np.ndarray]:
+    """(7, 2) actions of a policy drawn by seed 0, as an agent and as its submission."""
+    torch.manual_seed(0)
+    policy, file = drawn_policy(folder, town), folder / "submission.onnx"
     spec = write_submission("rlad", policy, file)
+    assert "state_ticks" in check_policy(file.read_bytes(), spec).states
     agent: EndlessDriver = Rlad(policy)
     agent.reset(MISSION, 0)
     rng = np.random.default_rng(0)
     observations = [seen(spec, rng) for _ in range(7)]
-    expected = np.array([agent.act(observation) for observation in observations])
-    assert len({tuple(row) for row in expected.tolist()}) == 4  # a decision for two ticks
-    np.testing.assert_allclose(answers(file, observations), expected, atol=1e-5)
-    assert "state_ticks" in check_policy(file.read_bytes(), spec).states
+    return np.array([agent.act(observation) for observation in observations]), answers(file, observations)
+
+
+@pytest.mark.parametrize("town", [TownConfig(), TownConfig(frames=1, history=1, max_speed=5.0)])
+def test_a_service_takes_the_submission_and_it_drives_as_the_agent(tmp_path: Path, town: TownConfig) -> None:
+    driven, submitted = both(tmp_path, town)
+    assert len({tuple(row) for row in driven.tolist()}) == 4  # a decision for two ticks
+    np.testing.assert_allclose(submitted, driven, atol=1e-5)
+
+
+def test_agent_and_submission_stand_below_the_same_target_speed(tmp_path: Path) -> None:
+    creeping, _ = both(tmp_path / "creeping", TownConfig(max_speed=2.5))
+    middle = float(np.unique(creeping[:, 0])[1:3].mean())
+    standing, submitted = both(tmp_path / "standing", TownConfig(max_speed=2.5, stand_below=middle))
+    expected = np.where(creeping[:, :1] < middle, np.array([0.0, 1.0]), np.array([1.0, 1.0])) * creeping
+    assert 0 < np.count_nonzero(standing[:, 0]) < 7
+    np.testing.assert_allclose(standing, expected)
+    np.testing.assert_allclose(submitted, expected, atol=1e-5)
 
 
 def test_the_twins_state_is_no_sensor(tmp_path: Path) -> None:

@@ -108,6 +108,19 @@ def test_only_where_lights_count_a_red_one_that_is_run_ends_the_episode(
     assert bool(info["success"]) == (not lawful)
 
 
+@pytest.mark.parametrize(("stand_below", "driven_m"), [(0.0, (3.0, 6.0)), (0.4, (0.0, 0.0))])
+def test_a_target_speed_that_is_nearly_0_creeps_or_stands_as_the_town_says(
+    opened: list[EndlessDrivingEnv], stand_below: float, driven_m: tuple[float, float]
+) -> None:
+    """A policy's squashed mean of -0.9 asks for 0.3 m/s."""
+    env = environment(opened, stand_below=stand_below)
+    env.reset(seed=0)
+    for _ in range(75):
+        env.step(np.array([-0.9, 0.0], np.float32))
+    low, high = driven_m
+    assert low <= float(env.driving.world.egos.driven[0]) <= high
+
+
 def test_the_rules_reach_the_goal_and_stop_at_lights(opened: list[EndlessDrivingEnv]) -> None:
     info = driven(environment(opened, ExpertConfig()), HELD_OUT_FROM)
     assert info["success"]
