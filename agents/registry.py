@@ -27,6 +27,7 @@ DECLARED = Path(__file__).with_name("agents.toml")
 SETTINGS = Path(__file__).with_name("settings.json")
 TRAINABLE: Mapping[str, str] = {
     "griad": "dohyo.agents.gri.griad:Griad",
+    "pdm-hybrid": "dohyo.agents.pdm_hybrid.agent:PdmHybrid",
     "rlad": "dohyo.agents.rlad.agent:Rlad",
     "rlfold": "dohyo.agents.rlfold.agent:Rlfold",
 }

@@ -38,6 +38,11 @@ TRAINERS: dict[str, Listed] = {
         "motion predictor of MBAPPE, from a motion data set",
         "predictor.safetensors, predictor.onnx",
     ),
+    "pdm-offset": Listed(
+        "dohyo.agents.pdm_hybrid.training:OFFSET",
+        "PDM-Hybrid's offset to PDM-Closed's plan, from a motion data set",
+        "best.safetensors, best.onnx",
+    ),
     "value": Listed(
         "dohyo.agents.mcts.value.train:VALUE",
         "value network of MBAPPE, from searches of a motion data set's scenes",

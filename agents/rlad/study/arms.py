@@ -19,6 +19,7 @@ _ONE_ROUTE: Final = (
     "town.roads=one-route", "steps=2700", "evaluate_every=750", "checkpoint_every=500", "sac.round_steps=250",
     "sac.learning_starts=300", "sac.batch=32",
 )  # fmt: skip
+_RELEASED: Final = ("town.stand_below=0", "sac.gamma=0.99")
 _PLAIN: Final = ("latent.waypoints=plain", "latent.local_mixing=false")
 
 
@@ -37,7 +38,9 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "no-light-loss": _part("no loss of lights", "light_loss=false", Reported(regular=49.0)),
         "no-local-mixing": _part("no A-LIX", "latent.local_mixing=false", Reported(regular=51.0)),
         "no-shifts": _part("no random shift, as released", "shifts=false", Reported()),
-        "no-standing": _part("stands at a target of 0 alone, as released", "town.stand_below=0", Reported()),
+        "no-standing": _part("stands at a target of 0 alone", "town.stand_below=0", Reported()),
+        "far-sighted": _part("a discount of 0.99", "sac.gamma=0.99", Reported()),
+        "as-released": DrivingArm("both", PICTURES, _RELEASED),
         "sac-ae": _rival("sac-ae", Reported(82.0, 42.0, 6.0)),
         "curl": _rival("curl", Reported(74.0, 30.0, 2.0)),
         "drq": _rival("drq", Reported(94.0, 42.0, 10.0)),
@@ -47,7 +50,8 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "one-route": DrivingArm("one route, again and again", PICTURES, _ONE_ROUTE),
         "empty-town": DrivingArm("no traffic", PICTURES, ("town.roads=empty", *_SHORT)),
         "twin": DrivingArm("exact state", TWIN),
-        "twin-no-standing": DrivingArm("exact state, stands at a target of 0 alone", TWIN, ("town.stand_below=0",)),
+        "twin-far-sighted": DrivingArm("exact state, a discount of 0.99", TWIN, ("sac.gamma=0.99",)),
+        "twin-as-released": DrivingArm("exact state, as released", TWIN, (*_RELEASED, "sac.batch=64")),
         "twin-no-waypoint-convolution": DrivingArm("exact state, plain layers", TWIN, ("latent.waypoints=plain",)),
     }
 )
