@@ -21,6 +21,7 @@ from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.observation import PICTURE
 from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
 from dohyo.agents.learning.algorithms.sac import Sac
+from dohyo.agents.learning.runs.memory import keep_freed_memory
 from dohyo.agents.perception.augmentation import of_transitions, random_shift
 from dohyo.agents.rlad.light_loss import LightLoss
 from dohyo.agents.rlad.training import RladConfig
@@ -33,6 +34,7 @@ TURNS = 12
 def measure() -> dict[str, float]:
     """Milliseconds of the median update of RLAD and of bare SAC, and the ratio of these."""
     torch.set_num_threads(1)
+    keep_freed_memory()
     task, seen = EndlessDriving(TownConfig()), batch(RladConfig().batch)
     shift = of_transitions(partial(random_shift, pad=2), [PICTURE])
     with TemporaryDirectory() as folder:
