@@ -20,8 +20,6 @@ from torch.nn.functional import pad, unfold
 
 REACH = 2.5
 """Shift of full strength, pixels (2 in the paper's text; half of 2 x 2 + 1 in its release)."""
-SMALL_MAP = 100
-"""Pixels of a map up to which one product shifts it, instead of a product and an interpolation."""
 TARGET = 0.535
 """Discontinuity of gradients that the strength is tuned to."""
 LEARNING_RATE, BETAS = 2e-3, (0.5, 0.999)
@@ -66,18 +64,19 @@ class LocalMixing(nn.Module):
 def shift_maps(maps: Tensor, down: float, right: float) -> Tensor:
     """Maps read `down` and `right` pixels away from each pixel: bilinear, with the border's values beyond the border.
 
+    A product of matrices for the rows, and one for the columns, which leave the channels last.
+
     Args:
         maps: (B, C, H, W).
         down: Pixels.
         right: Pixels.
     """
-    height, width = maps.shape[2:]
-    columns = _reading(width, right, maps)
-    if height * width <= SMALL_MAP:
-        return (maps.flatten(2) @ torch.kron(_reading(height, down, maps), columns)).view(maps.shape)
-    margin = math.ceil(abs(down)) + 1
-    padded, top = pad(maps @ columns, (0, 0, margin, margin), "replicate"), margin + math.floor(down)
-    return torch.lerp(padded[:, :, top : top + height], padded[:, :, top + 1 : top + 1 + height], down % 1.0)
+    last = maps.permute(0, 2, 3, 1)
+    batch, height, width, channels = last.shape
+    rows, columns = _reading(height, down, maps).T, _reading(width, right, maps).T
+    moved = rows @ last.reshape(batch, height, width * channels)
+    moved = columns @ moved.view(batch * height, width, channels)
+    return moved.view(last.shape).permute(0, 3, 1, 2)
 
 
 def _reading(size: int, shift: float, like: Tensor) -> Tensor:
