@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dohyo.agents.learning.runs.memory import keep_freed_memory
 from dohyo.agents.studies.rows import Row
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
@@ -43,6 +44,7 @@ class TrainedOptions(Config):
         """
         folder = self.runs / name
         if self.train:
+            keep_freed_memory()
             train(folder)
         if not (folder / policy).exists():
             raise SimulationError(f"no policy in '{folder}' so far")

@@ -23,7 +23,6 @@ from torch import Tensor, nn
 
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.runs.config import BaseRunConfig
-from dohyo.agents.learning.runs.memory import keep_freed_memory
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop
 
 FREE = frozenset({"checkpoint_s", "tensorboard"})
@@ -168,7 +167,6 @@ def fit(
     Raises:
         RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
     """
-    keep_freed_memory()
     session, stop = _Session(job, run), Stop()
     with nullcontext() if run is None else stop.listening():
         for rows in job.batches(session.step):

@@ -17,7 +17,6 @@ from dohyo.agents.learning.files.report import Report, Reporter, no_report
 from dohyo.agents.learning.policies.export import Exportable, export
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.evaluation import COLUMNS, evaluate
-from dohyo.agents.learning.runs.memory import keep_freed_memory
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.learning.tasks.environments import check_environments
@@ -76,7 +75,6 @@ def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, reque
         RunStoppedError: See `train`.
         SimulationError: See `train`.
     """
-    keep_freed_memory()
     run = Run(request.name, request.out, settings, request.resume)
     try:
         train(make_learner, task, run, request.report)

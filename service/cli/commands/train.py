@@ -37,6 +37,7 @@ def train(
     if name is None:
         raise InvalidInputError("expected the name of a trainer (dohyo train --list shows them)")
     from dohyo.agents.learning.files.settings import read_settings
+    from dohyo.agents.learning.runs.memory import keep_freed_memory
     from dohyo.agents.learning.runs.run import RunStoppedError, stored_config  # torch takes seconds to import
     from dohyo.agents.learning.runs.trainer import TrainRequest
     from dohyo.agents.trainers import trainer_named
@@ -47,6 +48,7 @@ def train(
     if resume and config is None:
         config = stored_config(folder, name)
     resolved = read_settings(trainer.config, config, given)
+    keep_freed_memory()
     try:
         with progress(name) as report:
             trained = trainer.train(resolved, TrainRequest(name, folder, resume, report))
