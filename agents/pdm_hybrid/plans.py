@@ -18,7 +18,6 @@ from dohyo.agents.experts.proposals import (
     CENTRE_Y,
     HEADING,
     PROPOSALS,
-    SCORES,
     STATE,
     STEPS,
     roll_out,
@@ -56,7 +55,6 @@ class Planner(PdmClosed):
         """See `PdmClosed`."""
         super().__init__(variant, passing)
         self._long = np.zeros((PROPOSALS, POSES * _STRIDE + 1, STATE))
-        self._marks = np.zeros((PROPOSALS, SCORES))
         self._seen: tuple[Scene, Situation, Idm] | None = None
 
     def _look(self, observation: Observation, scene: Scene) -> tuple[Situation, Idm]:
@@ -78,8 +76,7 @@ class Planner(PdmClosed):
         road, model = PdmClosed._look(self, {}, scene)
         poses = self._rolled(scene, road, model)
         states = np.ascontiguousarray(self._long[:, : STEPS + 1])
-        score(road, self._car, states, self._marks, LEEWAY_S if self._careful else 0.0)
-        self._scores = self._marks
+        score(road, self._car, states, self._scores, LEEWAY_S if self._careful else 0.0)
         chosen: FloatArray = poses[self._best()]
         return chosen
 

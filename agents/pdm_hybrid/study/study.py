@@ -181,8 +181,11 @@ def _driven(cell: Cell, agent: Agent) -> Row:
 def arms_table(results: Results) -> str:
     """Means over held-out episodes, and over excerpts."""
     plans = [row for row in results.kept if row["benchmark"] == PLANS]
-    lines = [[arm, *(mean_of(rows, arm, one, 2) for one in MEASURES)] for _, arm, rows in by_place(plans, ARMS)]
-    heads = ["plans", "open-loop score", "ADE, m", *(f"FDE at {s} s, m" for s in (2, 3, 5, 8))]
+    lines = [
+        [arm, ARMS[arm].told, *(mean_of(rows, arm, one, 2) for one in MEASURES)]
+        for _, arm, rows in by_place(plans, ARMS)
+    ]
+    heads = ["plans", "by", "open-loop score", "ADE, m", *(f"FDE at {s} s, m" for s in (2, 3, 5, 8))]
     drives = [row for row in results.kept if row["benchmark"] != PLANS]
     scores = [[arm, *(mean_of(rows, arm, one) for one in SCORES)] for _, arm, rows in by_place(drives, ARMS)]
     scored = markdown(["drives", "closed-loop score", "at-fault collision, %"], scores)
