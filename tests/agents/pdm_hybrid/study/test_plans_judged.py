@@ -1,4 +1,4 @@
-"""Judging of plans: the drives of an episode are told apart, and perfect plans score 100."""
+"""Judging of plans: the drives of an episode are separated, and perfect plans score 100."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def episode() -> list[Sample]:
     return [moment(0.5 * tick, *ego) for tick in range(5) for number, ego in enumerate(egos) if number < 2 or tick < 3]
 
 
-def test_samples_are_told_apart_by_where_their_futures_begin() -> None:
+def test_samples_are_separated_by_where_their_futures_begin() -> None:
     drives = drives_of(episode())
     assert [len(drive) for drive in drives] == [5, 5, 3]
     assert all(len({float(sample.scene.pose[1]) for sample in drive}) == 1 for drive in drives)
