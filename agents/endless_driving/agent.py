@@ -11,8 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Final
 
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.observation import ACTION_REPEAT, TargetSpeed, make_view
-from dohyo.agents.endless_driving.task import TownConfig
 from dohyo.agents.learning.files.card import CARDS
 from dohyo.agents.learning.policies.policy_agent import PolicyAgent
 from dohyo.agents.learning.policies.trained import card_of, policy_file

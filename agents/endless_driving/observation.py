@@ -13,6 +13,7 @@ from typing import Final, Literal
 import numpy as np
 from gymnasium.spaces import Box, Dict
 
+from dohyo.agents.endless_driving.config import View
 from dohyo.agents.learning.policies.policy_agent import ActionDecoder, SensorEncoder
 from dohyo.agents.learning.tasks.task import Array
 from dohyo.evaluation.agent import Mission, Observation
@@ -21,7 +22,6 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.sensors import CameraConfig
 from dohyo.sumo_networks.world import ActorKind, LightState
 
-View = Literal["picture", "state"]
 PICTURE, STATE, WAYPOINTS, MEASUREMENTS = "camera", "state", "waypoints", "measurements"
 POINTS, SPACING_M, FAR_M = 10, 2, 20.0
 """Waypoints: their number, their distance along the route, and the distance that counts as 1."""

@@ -7,10 +7,11 @@ Everything follows from roads and seed. Towns and conditions that `nocrash` judg
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
+from dohyo.agents.endless_driving.config import Roads
 from dohyo.evaluation.benchmarks.mission_drawing import unfit
 from dohyo.sumo_networks.conditions import TRAIN
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -21,8 +22,6 @@ from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 
-Roads = Literal["one-route", "empty", "traffic"]
-"""The same short route every time; the town without traffic; the town with a random amount of traffic."""
 TOWN: Final = "town-train"
 GOALS: Final = 2
 """Goals before the last one, of an endless route."""

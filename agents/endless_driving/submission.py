@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from dohyo.agents.endless_driving.agent import town_of
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.observation import (
     ACTION_REPEAT,
     FAR_M,
@@ -19,7 +20,6 @@ from dohyo.agents.endless_driving.observation import (
     WAYPOINTS,
     make_view,
 )
-from dohyo.agents.endless_driving.task import TownConfig
 from dohyo.agents.learning.policies.export import ACTION
 from dohyo.agents.learning.policies.joining import CHOSEN, NEXT, TICKS, decides, exported, joined, pushed
 from dohyo.sumo_networks.errors import InvalidInputError

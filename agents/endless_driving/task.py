@@ -5,62 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, Dict
-from pydantic import Field
 
+from dohyo.agents.endless_driving.config import ExpertConfig, TownConfig
 from dohyo.agents.endless_driving.environment import LIGHT, MEASURES, EndlessDrivingEnv
-from dohyo.agents.endless_driving.observation import View, make_view
-from dohyo.agents.endless_driving.scenarios import Roads
-from dohyo.agents.learning.runs.config import Positive, Share
+from dohyo.agents.endless_driving.observation import make_view
 from dohyo.agents.learning.tasks.environments import FrameStack
 from dohyo.agents.learning.tasks.task import Env, Environments, Task, held_out_seeds
-from dohyo.sumo_networks.config import Config
-
-
-class TownConfig(Config):
-    """Settings of the task: the table [town].
-
-    Attributes:
-        roads: See `scenarios.Roads`.
-        view: "picture", or "state" for the twin without pixels.
-        side: Of the picture, pixels: 64, or 256 as in the thesis.
-        frames: Pictures in a stack.
-        history: Decisions whose speed and steering are seen.
-        max_speed: Target speed of an action of 1, and of the reward on a free road, m/s.
-        stand_below: Target speed below which the ego stands, m/s; 0: it stands at a target of 0 alone, as released.
-        obey_lights: Whether reward, endings and rule expert know lights and stop signs; NoCrash ignores them.
-        held_out: Episodes of an evaluation.
-    """
-
-    roads: Roads = "traffic"
-    view: View = "picture"
-    side: Literal[64, 256] = 64
-    frames: Positive = 3
-    history: Positive = 3
-    max_speed: Annotated[float, Field(gt=0, le=15)] = 6.0
-    stand_below: Annotated[float, Field(ge=0, le=2)] = 0.0
-    obey_lights: bool = True
-    held_out: Annotated[int, Field(gt=0, le=1000)] = 10
-
-    @property
-    def shift_px(self) -> int:
-        """Largest random shift of a picture in training: the thesis's 8 pixels of 256."""
-        return round(8 / 256 * self.side)
-
-
-class ExpertConfig(Config):
-    """Settings of the expert: the table [expert].
-
-    Attributes:
-        name: "rules", or a registered agent.
-        noise: Share of its decisions that are random.
-    """
-
-    name: str = "rules"
-    noise: Share = 0.0
 
 
 @dataclass(frozen=True)

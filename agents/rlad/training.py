@@ -13,9 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.observation import PICTURE
-from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.off_policy import Augment, make_replay
 from dohyo.agents.learning.algorithms.sac import Auxiliary, Sac, SacConfig
 from dohyo.agents.learning.experience.collector import Collector

@@ -11,10 +11,11 @@ from pathlib import Path
 
 from torch import Generator, Tensor
 
+from dohyo.agents.endless_driving.config import ExpertConfig, TownConfig
 from dohyo.agents.endless_driving.experts import check_expert
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.observation import PICTURE
-from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.off_policy import Augment, make_replay
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.runs.config import RunConfig

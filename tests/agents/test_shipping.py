@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.endless_driving.task import TownConfig
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.learning.files.card import read_card
 from dohyo.agents.rlad.agent import Rlad
 from dohyo.agents.shipping import ROOT, ship

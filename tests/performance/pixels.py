@@ -17,9 +17,10 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
 from dohyo.agents.endless_driving.observation import PICTURE
-from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.sac import Sac
 from dohyo.agents.learning.runs.memory import keep_freed_memory
 from dohyo.agents.perception.augmentation import of_transitions, random_shift

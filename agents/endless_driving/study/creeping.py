@@ -14,8 +14,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from dohyo.agents.endless_driving.config import ExpertConfig, TownConfig
 from dohyo.agents.endless_driving.environment import EndlessDrivingEnv
-from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.studies.tables import bracketed
 from dohyo.evaluation.report.style import markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate

@@ -9,9 +9,10 @@ from pydantic import Field
 from dohyo.sumo_networks.config import Config
 
 Positive = Annotated[int, Field(gt=0)]
-
-
 Share = Annotated[float, Field(ge=0, le=1)]
+
+
+Merit = Literal["return", "success"]
 
 
 class BaseRunConfig(Config):
@@ -41,6 +42,8 @@ class RunConfig(BaseRunConfig):
             starts and the others act; 0: all wait for it.
         evaluate_every: Environment steps between two evaluations on the held-out episodes.
         checkpoint_every: Environment steps between two checkpoints, which cut the running episodes.
+        best_by: What makes an evaluation's policy the best: its return, or its success and, where that is equal, its
+            return. A reward that also pays for standing ranks policies that reach no goal above those that do.
     """
 
     steps: Positive = 100_000
@@ -49,3 +52,4 @@ class RunConfig(BaseRunConfig):
     begin_after: Annotated[int, Field(ge=0)] = 0
     evaluate_every: Positive = 20_000
     checkpoint_every: Positive = 20_000
+    best_by: Merit = "return"

@@ -13,6 +13,7 @@ import torch
 from tensordict import TensorDict
 
 from dohyo.agents.learning.files.metrics import Number
+from dohyo.agents.learning.runs.config import Merit
 from dohyo.agents.learning.runs.run import RunStoppedError
 from dohyo.agents.learning.tasks.task import Array, Environments, Task
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
@@ -72,10 +73,11 @@ class Evaluation:
         names = self.outcomes[0].measures
         return {name: _mean([outcome.measures[name] for outcome in self.outcomes]) for name in names}
 
-    def higher_than(self, other: Mapping[str, Number]) -> bool:
-        """Whether the mean return is above that of a row of evaluations.csv."""
-        mean, before = self.mean_return.mean, other["return"]
-        return mean is not None and (before is None or mean > before)
+    def better_than(self, other: Mapping[str, Number], best_by: Merit) -> bool:
+        """Whether the policy is better than that of a row of evaluations.csv; see `RunConfig.best_by`."""
+        names = ("success", "return") if best_by == "success" else ("return",)
+        own = self.values()
+        return _ranked(own, names) > _ranked(other, names)
 
     def values(self) -> dict[str, Number]:
         """Row of evaluations.csv."""
@@ -155,6 +157,10 @@ def _reset(task: Task, environments: Environments, seeds: Sequence[int]) -> tupl
     # Rows without an episode of their own are reset, too: they have no observation yet.
     padded = [*seeds, *[seeds[0]] * (environments.num_envs - len(seeds))]
     return environments.reset(seed=padded, options=options)  # type: ignore[arg-type]
+
+
+def _ranked(row: Mapping[str, Number], names: Sequence[str]) -> list[float]:
+    return [-math.inf if (value := row[name]) is None else float(value) for name in names]
 
 
 def _mean(values: Sequence[float]) -> float:

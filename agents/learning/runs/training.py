@@ -129,7 +129,7 @@ class _Session:
         self._collector, self._held_out = collector, held_out
         self._last_return: float | None = None
         self._saved = run.steps_before
-        # Rows of evaluations.csv with their "steps": the last one, and the one with the highest return.
+        # Rows of evaluations.csv with their "steps": the last one, and that of the best policy.
         self._last: dict[str, Number] = {}
         self._best: dict[str, Number] = {}
 
@@ -193,7 +193,7 @@ class _Session:
         self._run.log("evaluations", steps, row)
         self._last = {"steps": steps, **row}
         self._ship("policy")
-        if not self._best or evaluation.higher_than(self._best):
+        if not self._best or evaluation.better_than(self._best, self._run.config.best_by):
             self._best = self._last
             self._ship("best")
         self._write_result(finished=False)

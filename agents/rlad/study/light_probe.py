@@ -17,10 +17,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from dohyo.agents.endless_driving.config import ExpertConfig, TownConfig
 from dohyo.agents.endless_driving.environment import LIGHT
 from dohyo.agents.endless_driving.latent import SLIM
 from dohyo.agents.endless_driving.observation import PICTURE
-from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.networks.modules import mlp
 from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.perception.encoders.rlad import RladEncoder

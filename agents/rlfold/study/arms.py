@@ -30,9 +30,12 @@ _ARMS: Final[Mapping[str, DrivingArm]] = {
     "noisy": DrivingArm("30 % random decisions of the expert", PICTURES, ("expert.noise=0.3",)),
     "autopilot": DrivingArm("the autopilot's target speed", PICTURES, ("expert.name=autopilot",)),
     "priboot": DrivingArm("PRIBOOT's target speed", PICTURES, ("expert.name=priboot",)),
+    "as-released": DrivingArm("stands at a target of 0 alone", PICTURES, ("town.stand_below=0",)),
     "lawful": DrivingArm("lights and stop signs count", PICTURES, ("town.obey_lights=true",)),
 }
-_OF_TWIN: Final = ("full", "no-expert", "one-deviation", "never", "share", "far-sighted", "steering", "noisy", "lawful")
+_OF_TWIN: Final = (
+    "full", "no-expert", "one-deviation", "never", "share", "far-sighted", "steering", "noisy", "as-released", "lawful",
+)  # fmt: skip
 
 
 def _twin(name: str) -> DrivingArm:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
-from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.sac import SacPolicy
 from dohyo.agents.learning.files.card import UNKNOWN, Card, weights_of, write_card
 from dohyo.agents.learning.networks.modules import GaussianHead

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from dohyo.agents.endless_driving.agent import EndlessDriver
-from dohyo.agents.endless_driving.task import TownConfig
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.registry import agent_entries, resolve
 from dohyo.agents.rlad.agent import Rlad
 from dohyo.agents.rlfold.agent import Rlfold

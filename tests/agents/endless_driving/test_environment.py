@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from dohyo.agents.endless_driving.config import ExpertConfig, TownConfig
 from dohyo.agents.endless_driving.environment import EndlessDrivingEnv
 from dohyo.agents.endless_driving.experts import AgentExpert, NoisyExpert, RuleExpert, check_expert
 from dohyo.agents.endless_driving.scenarios import TOWN, draw_scenario
-from dohyo.agents.endless_driving.task import EndlessDriving, ExpertConfig, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.rlad.agent import Rlad
 from dohyo.evaluation.episode.runner import drive_episode

@@ -8,10 +8,11 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.environment import LIGHT
 from dohyo.agents.endless_driving.latent import SLIM, Latent, LatentConfig
 from dohyo.agents.endless_driving.observation import PICTURE
-from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.sac import Sac
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 from dohyo.agents.rlad.light_loss import LightLoss

@@ -10,8 +10,9 @@ import torch
 from scipy.stats import truncnorm
 from tensordict import TensorDict
 
+from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
-from dohyo.agents.endless_driving.task import EndlessDriving, TownConfig
+from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, POLICY
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 from dohyo.agents.perception.encoders.waypoints import WayConv1D
