@@ -18,13 +18,25 @@ from dohyo.agents.hierarchical.options.actuation import Steering
 from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.hierarchical.state.state import StateConfig, StateEncoder
 from dohyo.agents.hierarchical.state.views import rows_seen
-from dohyo.agents.hierarchical.training.subpolicies import SubPolicyConfig
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.networks.policy import Actor
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 
 CONFIG, WEIGHTS = "config.toml", "best.safetensors"
 MASTER, FLAT = "master", "flat"
+
+
+class Manner(Config, extra="ignore"):
+    """What a driver needs to know of a sub-policy's training; see `training.subpolicies.SubPolicyConfig`.
+
+    Attributes:
+        state: Configuration of the state.
+        steering: Kind of steering.
+    """
+
+    state: StateConfig = StateConfig()
+    steering: Steering = Steering.POLICY
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +84,7 @@ def read_sub_policies(folder: Path, names: tuple[str, ...] = tuple(Manoeuvre)) -
     Raises:
         InvalidInputError: One is missing, damaged, or made for other states or another steering than the first.
     """
-    configs = {name: read_settings(SubPolicyConfig, run_file(folder, name, CONFIG)) for name in names}
+    configs = {name: read_settings(Manner, run_file(folder, name, CONFIG)) for name in names}
     first = configs[names[0]]
     for name, config in configs.items():
         if (config.state, config.steering) != (first.state, first.steering):
@@ -108,5 +120,5 @@ def _read(folder: Path, name: str, encoder: StateEncoder) -> SubPolicy:
     return SubPolicy(actor, torch.from_numpy(rows), (path, folder / name / CONFIG))
 
 
-def _kind(config: SubPolicyConfig) -> str:
+def _kind(config: Manner) -> str:
     return f"vision '{config.state.vision}', localization '{config.state.localization}', steering '{config.steering}'"

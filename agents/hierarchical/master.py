@@ -14,9 +14,9 @@ from dohyo.agents.hierarchical.hierarchy import SubPolicies
 from dohyo.agents.hierarchical.options.actuation import ACTIONS, Steering
 from dohyo.agents.hierarchical.options.executor import OptionLimits
 from dohyo.agents.hierarchical.options.manoeuvres import Manoeuvre
+from dohyo.agents.hierarchical.options.values import OptionValues
 from dohyo.agents.hierarchical.state.master_observation import FLAGS, OPTIONS
 from dohyo.agents.hierarchical.state.state import StateConfig, StateEncoder
-from dohyo.agents.hierarchical.training.option_losses import OptionValues
 from dohyo.agents.learning.networks.policy import Actor, Named, joined
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config

@@ -10,6 +10,7 @@ from dohyo.agents.registry import GROUP, agent_entries, agent_schema, agent_view
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.settings import check_against, settings_schema
+from dohyo.evaluation.sources import source_files
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 
@@ -62,3 +63,11 @@ def test_an_agent_of_another_package_is_asked_itself(monkeypatch: pytest.MonkeyP
     offered(monkeypatch, "tests.evaluation.agents:Steady")
     assert agent_views()["twice"].entry == "tests.evaluation.agents:Steady"
     assert agent_views()["twice"].control == make_agent("tests.evaluation.agents:Steady").spec.control
+
+
+@pytest.mark.parametrize("name", ["ghrl", "griad", "mbappe", "parking", "pdm-hybrid", "priboot", "rlad", "rlfold"])
+def test_a_drivers_digest_has_no_training_in_it(name: str) -> None:
+    """Else a change of how policies are learned would make records of drivers look stale that drive as before."""
+    told = [str(path) for path in source_files(load_entry(resolve(name), "agent"))]
+    assert told
+    assert [path for path in told if any(part in path for part in ("/training", "/runs/", "/algorithms/"))] == []

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from dohyo.agents.hierarchical.options.manoeuvres import CHANGES
+from dohyo.agents.hierarchical.options.values import choose
 from dohyo.agents.hierarchical.state.master_observation import OPTIONS
-from dohyo.agents.hierarchical.training.option_losses import choose
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array
 from dohyo.sumo_networks.config import Config
 

@@ -1,4 +1,4 @@
-"""Option-critic over given options: networks, targets and losses of choice and termination.
+"""Option-critic over given options: targets and losses of choice and termination, and the replay of options.
 
 Q_Omega is learned by Q-learning on whole options (SMDP), the terminations beta by the gradient of the advantage of
 continuing, with a deliberation cost, and the options' own policies by the intra-option gradient. Sources: Bacon et al.
@@ -8,50 +8,15 @@ restored.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import torch
 from tensordict import TensorDict
-from torch import Tensor, nn
+from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array
-from dohyo.sumo_networks.errors import InvalidInputError
-
 UNAVAILABLE = -1e9
-
-
-class OptionValues(nn.Module):
-    """Q_Omega(s, o) and beta(s, o) of every option, from one body each."""
-
-    def __init__(self, size: int, options: int, hidden: Sequence[int]) -> None:
-        """Makes the networks.
-
-        Args:
-            size: Numbers in a state.
-            options: How many options.
-            hidden: Width of each hidden layer.
-        """
-        super().__init__()
-        self.values = _perceptron(size, hidden, options)
-        self.endings = _perceptron(size, hidden, options)
-        last = self.endings[-1]
-        assert isinstance(last, nn.Linear)
-        # An option lasts ten ticks at first, on average.
-        nn.init.constant_(last.bias, -2.2)
-
-    def forward(self, states: Tensor) -> tuple[Tensor, Tensor]:
-        """Q and beta.
-
-        Args:
-            states: (N, size).
-
-        Returns:
-            (N, options) each; beta in (0, 1).
-        """
-        return self.values(states), torch.sigmoid(self.endings(states))
 
 
 def best_value(q: Tensor, available: Tensor) -> Tensor:
@@ -115,20 +80,6 @@ def intra_option_loss(log_prob: Tensor, arrived: Tensor, q_option: Tensor) -> Te
     return -(log_prob * (arrived - q_option).detach()).mean()
 
 
-def choose(q: Float32Array, available: BoolArray, epsilon: float, rng: np.random.Generator) -> int:
-    """Epsilon-greedy among the options that may begin.
-
-    Raises:
-        InvalidInputError: No option may begin.
-    """
-    open_ = np.flatnonzero(available)
-    if not len(open_):
-        raise InvalidInputError("expected at least one option that may begin, got none")
-    if epsilon > 0.0 and rng.random() < epsilon:
-        return int(rng.choice(open_))
-    return int(open_[np.argmax(q[open_])])
-
-
 class OptionReplay:
     """Replay memory of finished options, on TorchRL's; drawn from torch's generator, with replacement."""
 
@@ -169,10 +120,3 @@ class OptionReplay:
             count = len(state["rows"]["option"])
             self._buffer.extend(TensorDict(state["rows"], [count]))
         self._buffer.writer.load_state_dict(state["writer"])
-
-
-def _perceptron(size: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for before, after in zip([size, *hidden], hidden, strict=False):
-        layers += [nn.Linear(before, after), nn.ReLU()]
-    return nn.Sequential(*layers, nn.Linear(([size, *hidden])[-1], outputs))

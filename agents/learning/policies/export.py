@@ -16,7 +16,6 @@ from gymnasium.spaces import Box, Dict
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from dohyo.agents.learning.policies.exact import ExactPolicy
 from dohyo.sumo_networks.files import write_atomically
 
 ACTION = "action"
@@ -41,7 +40,7 @@ def export(policy: Exportable, space: Dict, path: Path, facts: Mapping[str, str]
     """Writes PATH.safetensors and PATH.onnx.
 
     The ONNX model has an input for every observation that the policy uses, named like it and of its type, and the
-    output "action"; the batch may have any size. Continuous actions are those of `ExactPolicy`.
+    output "action"; the batch may have any size.
 
     Args:
         policy: A torch module.
@@ -71,15 +70,11 @@ class _OfTensors(nn.Module):
 def _onnx(module: nn.Module, space: Dict, facts: Mapping[str, str]) -> bytes:
     names = list(space.spaces)
     examples = tuple(torch.from_numpy(np.zeros((2, *one.shape), one.dtype)) for one in map(_box, space.spaces.values()))
-    of_tensors = _OfTensors(module, names)
-    with torch.no_grad():
-        if of_tensors(*examples).is_floating_point():
-            of_tensors = _OfTensors(ExactPolicy(module), names)
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the tracing exporter is deprecated, the other one needs onnxscript
         torch.onnx.export(
-            of_tensors,
+            _OfTensors(module, names),
             examples,
             buffer,  # type: ignore[arg-type]
             input_names=names,

@@ -14,7 +14,8 @@ from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.files.report import Report, Reporter, no_report
-from dohyo.agents.learning.policies.export import Exportable, export
+from dohyo.agents.learning.policies.exact_export import export_exact
+from dohyo.agents.learning.policies.export import Exportable
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.evaluation import COLUMNS, evaluate
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop, TaskRun
@@ -201,7 +202,7 @@ class _Session:
     def _ship(self, model: str) -> None:
         """Writes the policy of the last evaluation, and its card."""
         space = named(self._task.observation_space)
-        export(self._learner.policy, space, self._run.folder / model, self._facts(self._last))
+        export_exact(self._learner.policy, space, self._run.folder / model, self._facts(self._last))
         metrics = {name: value for name, value in self._last.items() if name != "steps"}
         self._run.write_card(model, self._task.name, self._collector.steps, metrics)
 

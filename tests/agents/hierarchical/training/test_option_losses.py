@@ -9,12 +9,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from dohyo.agents.hierarchical.options.values import OptionValues, choose
 from dohyo.agents.hierarchical.training.option_losses import (
     OptionReplay,
-    OptionValues,
     arrival_value,
     best_value,
-    choose,
     intra_option_loss,
     smdp_target,
     termination_loss,

@@ -9,8 +9,7 @@ import torch
 from gymnasium.spaces import Box, Dict
 from torch import nn
 
-from dohyo.agents.learning.policies.exact import ExactPolicy
-from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.policies.exact_export import ExactPolicy, export_exact
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.perception.encoders.base import as_float
 
@@ -48,7 +47,7 @@ def observations(count):
 def exported(tmp_path_factory):
     torch.manual_seed(2)
     policy, path = Seeing(), tmp_path_factory.mktemp("exact") / "best"
-    export(policy, SPACE, path, {})
+    export_exact(policy, SPACE, path, {})
     return policy, path.with_suffix(".onnx")
 
 

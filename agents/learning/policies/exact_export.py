@@ -1,0 +1,114 @@
+"""Export of continuous policies that answer alike on every processor: doubles inside, rounded outside; see `exact`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import torch
+from gymnasium.spaces import Dict
+from torch import Tensor, nn
+
+from dohyo.agents.learning.policies.exact import DECIMALS
+from dohyo.agents.learning.policies.export import Exportable, export
+from dohyo.sumo_networks.files import write_atomically
+
+
+def export_exact(policy: Exportable, space: Dict, path: Path, facts: Mapping[str, str]) -> None:
+    """As `export`, with an ONNX model of `ExactPolicy`, whose actions are those of the weights to five decimals.
+
+    Discrete policies are exported as they are: the best action is the best on every processor.
+    """
+    export(policy, space, path, facts)
+    module = cast(nn.Module, policy)
+    zeros = {name: torch.zeros(1, *box.shape or (), dtype=_type_of(box)) for name, box in space.spaces.items()}
+    with torch.no_grad():
+        continuous = deepcopy(module).cpu().eval()(zeros).is_floating_point()
+    if continuous:
+        with TemporaryDirectory() as folder:
+            made = Path(folder) / path.name
+            export(ExactPolicy(module), space, made, facts)
+            model = f"{path.name}.onnx"
+            write_atomically(path.with_name(model), made.with_name(model).read_bytes())
+
+
+class ExactPolicy(nn.Module):
+    """A policy of named observations with continuous actions, to be exported: doubles inside, rounded float32 outside.
+
+    ONNX Runtime has no convolution of doubles, so that each is written as a product of matrices.
+    """
+
+    def __init__(self, policy: nn.Module) -> None:
+        """Copies the policy.
+
+        Args:
+            policy: See `export.Exportable`; its convolutions have neither groups nor dilation.
+        """
+        super().__init__()
+        self.policy = _of_doubles(deepcopy(policy).cpu().double().eval())
+
+    def facts(self) -> Mapping[str, str]:
+        """See `export.Exportable`."""
+        return cast(Exportable, self.policy).facts()
+
+    def forward(self, observation: Mapping[str, Tensor]) -> Tensor:
+        """(B, ...) by name -> (B, A) float32."""
+        doubles = {name: one.double() if one.is_floating_point() else one for name, one in observation.items()}
+        scale = 10.0**DECIMALS
+        rounded: Tensor = torch.round(self.policy(doubles) * scale) / scale
+        return rounded.float()
+
+
+class _Products(nn.Module):
+    """A convolution as the sum over its kernel's places of products of matrices."""
+
+    def __init__(self, convolution: nn.Conv1d | nn.Conv2d) -> None:
+        super().__init__()
+        self.flat = isinstance(convolution, nn.Conv1d)
+        weight, bias = convolution.weight, convolution.bias
+        self.weight = nn.Parameter((weight[:, :, None] if self.flat else weight).detach())
+        self.bias = None if bias is None else nn.Parameter(bias.detach())
+        self.stride = (1, *convolution.stride)[-2:]
+        padding = convolution.padding
+        assert not isinstance(padding, str)
+        self.padding = (0, *padding)[-2:]
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """As the convolution."""
+        planes = maps[:, :, None] if self.flat else maps
+        (top, left), (down, right) = self.padding, self.stride
+        planes = nn.functional.pad(planes, (left, left, top, top))
+        tall, wide = self.weight.shape[-2:]
+        height = (planes.shape[-2] - tall) // down + 1
+        width = (planes.shape[-1] - wide) // right + 1
+        places = [
+            planes[:, :, y : y + down * (height - 1) + 1 : down, x : x + right * (width - 1) + 1 : right].flatten(2)
+            for y in range(tall)
+            for x in range(wide)
+        ]
+        kernel = self.weight.permute(0, 2, 3, 1).flatten(1)
+        out: Tensor = kernel @ torch.cat(places, dim=1)
+        out = out if self.bias is None else out + self.bias[:, None]
+        return out if self.flat else out.reshape(-1, len(kernel), height, width)
+
+
+def _of_doubles(module: nn.Module) -> nn.Module:
+    """The module with its convolutions as products; every layer with weights takes doubles."""
+    for name, child in module.named_children():
+        plain = isinstance(child, nn.Conv1d | nn.Conv2d) and child.groups == 1 and set(child.dilation) == {1}
+        setattr(module, name, _of_doubles(_Products(child) if plain else child))  # type: ignore[arg-type]
+    if any(True for _ in module.parameters(recurse=False)):
+        module.register_forward_pre_hook(_double)
+    return module
+
+
+def _double(module: nn.Module, given: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Pictures come to the first layer in single precision, which divides them by 255."""
+    return tuple(one.double() if isinstance(one, Tensor) and one.is_floating_point() else one for one in given)
+
+
+def _type_of(box: Any) -> torch.dtype:
+    return torch.uint8 if box.dtype == "uint8" else torch.float32
