@@ -117,15 +117,15 @@ class WorldBook:
         process = EpisodeProcess(self._settings.policies, ENTRY)
         order = make_order(identifier)
         world = self._live[identifier] = LiveWorld(identifier, owner, order, process, rules)
+        added = asyncio.create_task(asyncio.to_thread(self._add, world, rules, request))
         try:
-            before = await asyncio.to_thread(self._add, world, rules, request)
+            before = await asyncio.shield(added)
             await process.start()
-        except OSError as error:
+        except BaseException as error:
             del self._live[identifier]
-            await asyncio.to_thread(self._remove, identifier)
-            raise BusyError(f"no process could be started: {error}") from error
-        except BaseException:
-            del self._live[identifier]
+            await asyncio.shield(self._undo(identifier, added, process))
+            if isinstance(error, OSError):
+                raise BusyError(f"no process could be started: {error}") from error
             raise
         if before is not None:  # the same request came twice at once
             del self._live[identifier]
@@ -176,9 +176,16 @@ class WorldBook:
         await asyncio.to_thread(self._remove, identifier)
         raise InvalidInputError(f"scenario: {outcome.text}")
 
+    async def _undo(self, identifier: str, added: asyncio.Task[str | None], process: EpisodeProcess) -> None:
+        """Leaves nothing of a world that did not begin, wherever its beginning was broken off."""
+        await asyncio.wait([added])
+        await process.close()
+        await asyncio.to_thread(self._remove, identifier)
+
     def _remove(self, identifier: str) -> None:
         with self._database.session() as session:
-            session.delete(session.get_one(World, identifier))
+            if (row := session.get(World, identifier)) is not None:
+                session.delete(row)
 
     async def _run(self, world: LiveWorld, process: EpisodeProcess) -> Outcome:
         """Lets a world live, and stores how it ends."""
