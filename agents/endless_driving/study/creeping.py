@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from dohyo.agents.endless_driving.config import ExpertConfig, TownConfig
-from dohyo.agents.endless_driving.environment import EndlessDrivingEnv
+from dohyo.agents.endless_driving.study.ceiling import drives
 from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.studies.tables import bracketed
 from dohyo.evaluation.report.style import markdown
@@ -53,23 +53,9 @@ def creeping(slowest_m_s: float, stand_below_m_s: float, missions: int = MISSION
     """
     town = TownConfig(view="state", held_out=missions, stand_below=stand_below_m_s)
     task = EndlessDriving(town, ExpertConfig())
-    env, least = EndlessDrivingEnv(task), 2.0 * slowest_m_s / town.max_speed - 1.0
-    returns, goals, reds = list[float](), list[bool](), list[bool]()
-    try:
-        for seed in task.held_out:
-            env.reset(seed=seed)
-            total, over = 0.0, False
-            while not over:
-                action = env.expert_action()
-                assert action is not None
-                action[0] = max(action[0], least)
-                _, reward, terminated, truncated, info = env.step(action)
-                total, over = total + reward, terminated or truncated
-            returns.append(total)
-            goals.append(bool(info["success"]))
-            reds.append(info["red_lights"] > 0.0)
-    finally:
-        env.close()
+    found = drives(task, slowest_m_s)
+    returns = [one.total for one in found]
+    goals, reds = [bool(one.info["success"]) for one in found], [one.info["red_lights"] > 0.0 for one in found]
     return Creeping(slowest_m_s, stand_below_m_s, mean_estimate(returns), share_estimate(goals), share_estimate(reds))
 
 
