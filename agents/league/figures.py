@@ -11,14 +11,14 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Edition, read_edition
-from dohyo.agents.league.measures import MEASURES
 from dohyo.agents.league.rows import read_comparable_rows
 from dohyo.agents.league.standings import Place, standings
 from dohyo.agents.studies.rows import Row, infractions_per_km, is_lost
@@ -28,79 +28,142 @@ from dohyo.evaluation.report.pictures import write_page
 from dohyo.evaluation.report.style import PALETTES, agent_colours, template
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
-SIZE: Final = (980, 420)
-SECTION: Final = """## What each driver does wrong
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom, pixels."""
+SIZE: Final = (980, 520)
+LABEL_PX: Final = 12
+TIMES_MS: Final = (0.01, 40.0)
+SCORES: Final = (-4.0, 104.0)
+SECTION: Final = """## What a decision costs
+
+![Mean headline of each driver over the time of a decision](pictures/league-speed.png)
+
+## What each driver does wrong
 
 ![Infractions per km of each driver, by kind](pictures/league-infractions.png)
 
-Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/pictures` draws it."""
-"""Where the picture of the infractions stands on the page of the published edition."""
+Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/pictures` draws both pictures."""
+"""Pictures on the page of the published edition."""
 FEWEST: Final = 0.02
 """Rate below which a kind of infraction is left out, per km."""
 
 
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """A driver over all driving disciplines.
+
+    Attributes:
+        name: Of the entrant.
+        decision_ms: Geometric mean of its medians, ms.
+        score: Mean of its headlines, each 0 to 100.
+        margin: Half of the 95 % interval of that mean.
+    """
+
+    name: str
+    decision_ms: float
+    score: float
+    margin: float
+
+
 def speed_figure(edition: Edition, rows: Sequence[Row]) -> go.Figure:
-    """Headline against the time of a decision, a panel per driving discipline; the line joins who is not dominated.
+    """Mean headline over all driving disciplines against the time of a decision; the line joins who is not dominated.
 
     Raises:
-        InvalidInputError: No driving discipline has rows.
+        InvalidInputError: Nobody has rows of every driving discipline.
     """
-    driven = {
-        one.title: (MEASURES[one.headline].title, places)
-        for one in edition.disciplines
-        if one.family is Family.DRIVING and (places := standings(one, edition.entrants_of(one), rows))
-    }
-    if not driven:
-        raise InvalidInputError("expected rows of a driving discipline, found none")
-    columns = min(3, len(driven))
-    lines = math.ceil(len(driven) / columns)
-    drawn = make_subplots(lines, columns, subplot_titles=[*driven], vertical_spacing=0.16)
+    found = drivers(edition, rows)
+    if not found:
+        raise InvalidInputError("expected a driver with rows of every driving discipline, found none")
     colours = agent_colours(one.name for one in edition.entrants if one.family is Family.DRIVING)
-    for number, (head, places) in enumerate(driven.values()):
-        line, column = number // columns + 1, number % columns + 1
-        _front(drawn, places, line, column)
-        for place in places:
-            _point(drawn, place, colours[place.entrant.name], line, column)
-        drawn.update_yaxes(title=head, range=[-4, 104], row=line, col=column)
-        drawn.update_xaxes(type="log", title="ms of a decision" if line == lines else None, row=line, col=column)
+    best, places = front(found), label_places(found)
+    drawn = go.Figure()
+    drawn.add_scatter(
+        x=[one.decision_ms for one in best], y=[one.score for one in best], mode="lines", hoverinfo="skip",
+        line={"color": PALETTES["light"].quiet, "width": 1, "dash": "dot", "shape": "hv"},
+    )  # fmt: skip
+    for one, place in zip(found, places, strict=True):
+        drawn.add_scatter(
+            x=[one.decision_ms], y=[one.score], mode="markers+text", text=[one.name], textposition=place,
+            textfont={"size": LABEL_PX}, marker={"color": colours[one.name], "size": 10},
+            error_y={"array": [one.margin], "thickness": 1, "width": 3},
+        )  # fmt: skip
+    drawn.update_yaxes(title="mean of the headlines", range=[*SCORES])
+    drawn.update_xaxes(type="log", title="ms of a decision", dtick=1, range=[math.log10(one) for one in TIMES_MS])
     return drawn.update_layout(
-        template=template(), showlegend=False, width=SIZE[0], height=SIZE[1] * lines, margin_t=90,
+        template=template(), showlegend=False, width=SIZE[0], height=SIZE[1], margin_t=90,
         title={
             "text": "What a decision costs, and what it earns",
-            "subtitle": {"text": "Median time on one machine; 95 % intervals; line: nobody is faster and better"},
+            "subtitle": {
+                "text": "Over all driving disciplines; 95 % intervals; times of different machines; "
+                "line: nobody is faster and better"
+            },
         },
     )  # fmt: skip
 
 
-def front(places: Sequence[Place]) -> list[Place]:
-    """Places than which nobody is faster and at least as good, the fastest first."""
-    measured = [one for one in places if one.decision_ms is not None and one.score.mean is not None]
-    timed = sorted(measured, key=lambda one: one.decision_ms or 0.0)
-    kept: list[Place] = []
-    for place in timed:
-        if not kept or (place.score.mean or 0.0) > (kept[-1].score.mean or 0.0):
-            kept.append(place)
+def drivers(edition: Edition, rows: Sequence[Row]) -> list[Driver]:
+    """Drivers with rows of every driving discipline, in the order of the edition."""
+    disciplines = [one for one in edition.disciplines if one.family is Family.DRIVING]
+    places: dict[str, list[Place]] = {}
+    for discipline in disciplines:
+        for place in standings(discipline, edition.entrants_of(discipline), rows):
+            if place.decision_ms is not None and place.score.mean is not None:
+                places.setdefault(place.entrant.name, []).append(place)
+    whole = {name: own for name, own in places.items() if len(own) == len(disciplines)}
+    return [_driver(one.name, whole[one.name]) for one in edition.entrants if one.name in whole]
+
+
+def _driver(name: str, places: Sequence[Place]) -> Driver:
+    count = len(places)
+    scores = [place.score for place in places]
+    halves = [((one.high or 0.0) - (one.low or 0.0)) / 2 for one in scores]  # disciplines are drawn apart
+    times = math.exp(math.fsum(math.log(place.decision_ms or 1.0) for place in places) / count)
+    return Driver(name, times, math.fsum(one.mean or 0.0 for one in scores) / count, math.hypot(*halves) / count)
+
+
+def front(found: Sequence[Driver]) -> list[Driver]:
+    """Drivers than whom nobody is faster and at least as good, the fastest first."""
+    kept: list[Driver] = []
+    for one in sorted(found, key=lambda one: one.decision_ms):
+        if not kept or one.score > kept[-1].score:
+            kept.append(one)
     return kept
 
 
-def _front(drawn: go.Figure, places: Sequence[Place], line: int, column: int) -> None:
-    best = front(places)
-    drawn.add_scatter(
-        x=[one.decision_ms for one in best], y=[one.score.mean for one in best], mode="lines", hoverinfo="skip",
-        line={"color": PALETTES["light"].quiet, "width": 1, "dash": "dot", "shape": "hv"}, row=line, col=column,
-    )  # fmt: skip
+def label_places(found: Sequence[Driver]) -> list[str]:
+    """Where each name stands beside its point: where it covers points, the line and other names least."""
+    points = [_pixel(one) for one in found]
+    taken = [(x - 6, y - 8, x + 6, y + 8) for x, y in points]
+    corners = [_pixel(one) for one in front(found)]
+    taken += [(left, y - 1, right, y + 1) for (left, y), (right, _) in pairwise(corners)]
+    chosen = []
+    for one, (x, y) in zip(found, points, strict=True):
+        wide, tall = 0.62 * LABEL_PX * len(one.name), 1.2 * LABEL_PX
+        boxes = {
+            "middle right": (x + 9, y - tall / 2, x + 9 + wide, y + tall / 2),
+            "middle left": (x - 9 - wide, y - tall / 2, x - 9, y + tall / 2),
+            "top center": (x - wide / 2, y - 9 - tall, x + wide / 2, y - 9),
+            "bottom center": (x - wide / 2, y + 9, x + wide / 2, y + 9 + tall),
+        }
+        place = min(boxes, key=lambda name: sum(_shared(boxes[name], other) for other in taken))
+        taken.append(boxes[place])
+        chosen.append(place)
+    return chosen
 
 
-def _point(drawn: go.Figure, place: Place, colour: str, line: int, column: int) -> None:
-    score = place.score
-    if place.decision_ms is None or score.mean is None:
-        return
-    high, low = (0.0 if end is None else abs(end - score.mean) for end in (score.high, score.low))
-    drawn.add_scatter(
-        x=[place.decision_ms], y=[score.mean], mode="markers+text", text=[place.entrant.name],
-        textposition="bottom center", textfont={"size": 11}, marker={"color": colour, "size": 9},
-        error_y={"array": [high], "arrayminus": [low], "thickness": 1, "width": 3}, row=line, col=column,
-    )  # fmt: skip
+def _pixel(one: Driver) -> tuple[float, float]:
+    """Where its point is drawn, from the top left of the axes, about."""
+    low, high = (math.log10(end) for end in TIMES_MS)
+    wide, tall = SIZE[0] - 160, SIZE[1] - 170
+    share = (one.score - SCORES[0]) / (SCORES[1] - SCORES[0])
+    return wide * (math.log10(one.decision_ms) - low) / (high - low), tall * (1 - share)
+
+
+def _shared(one: Box, other: Box) -> float:
+    """Area that two boxes share, square pixels."""
+    wide = min(one[2], other[2]) - max(one[0], other[0])
+    tall = min(one[3], other[3]) - max(one[1], other[1])
+    return max(wide, 0.0) * max(tall, 0.0)
 
 
 def profile_figure(edition: Edition, rows: Sequence[Row]) -> go.Figure:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from dohyo.agents.league import league
 from dohyo.agents.league.edition import Edition, read_edition
-from dohyo.agents.league.figures import front, profiles
+from dohyo.agents.league.figures import Driver, drivers, front, label_places, profiles
 from dohyo.agents.league.page import page
 from dohyo.agents.league.rows import read_comparable_rows
 from dohyo.agents.league.standings import standings
@@ -202,8 +202,23 @@ def test_the_front_leaves_out_who_is_slower_and_no_better() -> None:
     edition = of_drivers("fast", "slow", "best")
     rows = rows_of(fast=[50.0, 60.0], slow=[40.0, 50.0], best=[80.0, 90.0])
     timed = [row | {"decision_ms": {"fast": 1.0, "slow": 2.0, "best": 3.0}[row["arm"]]} for row in rows]
-    places = standings(edition.disciplines[0], edition.entrants, timed)
-    assert [place.entrant.name for place in front(places)] == ["fast", "best"]
+    found = drivers(edition, timed)
+    assert [(one.name, one.score) for one in found] == [("fast", 55.0), ("slow", 45.0), ("best", 85.0)]
+    assert [one.decision_ms for one in found] == pytest.approx([1.0, 2.0, 3.0])
+    assert [one.name for one in front(found)] == ["fast", "best"]
+
+
+def test_a_driver_that_left_out_a_discipline_is_not_compared_by_cost() -> None:
+    edition = of_drivers("whole", "part")
+    assert [one.name for one in drivers(edition, [row | {"decision_ms": 1.0} for row in rows_of(whole=[50.0])])] == [
+        "whole"
+    ]
+
+
+def test_names_stand_where_they_cover_nothing() -> None:
+    alone, beside = Driver("alone", 1.0, 50.0, 1.0), Driver("beside", 1.4, 50.0, 1.0)
+    assert label_places([alone]) == ["middle right"]
+    assert label_places([alone, beside]) == ["middle left", "middle right"]
 
 
 def test_a_profile_has_the_infractions_per_km_of_all_driving_disciplines() -> None:
