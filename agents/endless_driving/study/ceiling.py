@@ -22,6 +22,8 @@ from dohyo.sumo_networks.files import write_atomically
 
 MISSIONS: Final = 20
 MAX_SPEED_M_S: Final = 5.0  # RLfOLD's
+FULL: Final = 0.99
+"""Action from which on an expert asks for the highest speed."""
 EXPERTS: Final = (
     ("rules", False, 0.0), ("rules", False, 0.3), ("rules", True, 0.0), ("autopilot", True, 0.0),
     ("priboot", True, 0.0),
@@ -35,10 +37,12 @@ class ExpertDrive:
 
     Attributes:
         total: Its return.
+        slower: Share of its decisions that ask for less than the highest speed, %.
         info: The last info of the episode.
     """
 
     total: float
+    slower: float
     info: Mapping[str, Any]
 
 
@@ -57,14 +61,15 @@ def drives(task: EndlessDriving, slowest_m_s: float = 0.0) -> list[ExpertDrive]:
     try:
         for seed in task.held_out:
             env.reset(seed=seed)
-            total, over = 0.0, False
+            total, speeds, over = 0.0, list[float](), False
             while not over:
                 action = env.expert_action()
                 assert action is not None
+                speeds.append(float(action[0]))
                 action[0] = max(action[0], least)
                 _, reward, terminated, truncated, info = env.step(action)
                 total, over = total + reward, terminated or truncated
-            found.append(ExpertDrive(total, info))
+            found.append(ExpertDrive(total, 100.0 * sum(one < FULL for one in speeds) / len(speeds), info))
     finally:
         env.close()
     return found
@@ -81,6 +86,7 @@ class Ceiling:
         episode_return: Mean return of a mission.
         success: Share of goals, %.
         collision: Share of missions that end in a collision, %.
+        slower: Mean share of decisions that ask for less than the highest speed, %.
     """
 
     expert: str
@@ -89,6 +95,7 @@ class Ceiling:
     episode_return: Estimate
     success: Estimate
     collision: Estimate
+    slower: Estimate
 
 
 def ceiling(expert: str, lawful: bool, noise: float, missions: int = MISSIONS) -> Ceiling:
@@ -97,16 +104,19 @@ def ceiling(expert: str, lawful: bool, noise: float, missions: int = MISSIONS) -
     found = drives(EndlessDriving(town, ExpertConfig(name=expert, noise=noise)))
     goals = share_estimate([bool(one.info["success"]) for one in found])
     collisions = share_estimate([one.info["collision"] > 0.0 for one in found])
-    return Ceiling(expert, lawful, noise, mean_estimate([one.total for one in found]), goals, collisions)
+    returns, slower = mean_estimate([one.total for one in found]), mean_estimate([one.slower for one in found])
+    return Ceiling(expert, lawful, noise, returns, goals, collisions, slower)
 
 
 def table(found: Sequence[Ceiling]) -> str:
     """A row per expert."""
     rows = []
     for one in found:
-        values = [bracketed(value) for value in (one.episode_return, one.success, one.collision)]
+        values = [bracketed(value) for value in (one.episode_return, one.success, one.collision, one.slower)]
         rows.append([one.expert, "yes" if one.lawful else "no", f"{one.noise:g}", *values])
-    return markdown(["expert", "lights count", "noise", "return", "success, %", "collision, %"], rows)
+    return markdown(
+        ["expert", "lights count", "noise", "return", "success, %", "collision, %", "asks for less, %"], rows
+    )
 
 
 def main() -> None:

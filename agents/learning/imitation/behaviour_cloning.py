@@ -17,7 +17,7 @@ from dohyo.agents.learning.experience.demonstrations import Demonstrations
 from dohyo.agents.learning.files.report import Report
 from dohyo.agents.learning.networks.modules import ObservationEncoder
 from dohyo.agents.learning.networks.policy import Actor, EncodedPolicy, PpoActor, actor_for, distribution_at
-from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.policies.exact_export import export_exact
 from dohyo.agents.learning.runs.config import Positive
 from dohyo.agents.learning.runs.evaluation import evaluate
 from dohyo.agents.learning.runs.run import Run
@@ -198,7 +198,7 @@ def cloning_trainer(summary: str, config: type[C], task_of: Callable[[C], Task])
             task = task_of(settings)
             policy, measures = _clone(task, run, lambda step, row: order.report(_report(settings, step, row)))
             facts = {"trainer": run.trainer, "task": task.name, "steps": str(settings.steps)}
-            export(policy.exported, named(task.observation_space), run.folder / "policy", facts)
+            export_exact(policy.exported, named(task.observation_space), run.folder / "policy", facts)
             run.write_card("policy", task.name, settings.steps, measures, settings.data)
         return run.folder / "policy.safetensors"
 
