@@ -13,6 +13,7 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,7 @@ class JobRunner:
         self._services: Services | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._woken = asyncio.Event()
+        self._serving: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._stopped = False
 
@@ -62,11 +64,15 @@ class JobRunner:
         self._services, self._kinds, self._loop = services, kinds, asyncio.get_running_loop()
         await self._database.change(self._recover)
         await self._sweep()
-        self._tasks = [asyncio.create_task(self._serve()), asyncio.create_task(self._clean())]
+        self._serving = asyncio.create_task(self._serve())
+        self._tasks = [asyncio.create_task(self._clean())]
 
     async def stop(self) -> None:
         """Ends all work; jobs that can be repeated return to the queue."""
         self._stopped = self._database.stopped = True
+        self._woken.set()
+        if self._serving is not None:
+            await asyncio.wait([self._serving])  # the job that it is taking runs from then on, too
         for task in self._tasks:
             task.cancel()
         for work, _ in self._live.values():
@@ -95,7 +101,7 @@ class JobRunner:
         while not self._stopped:
             self._woken.clear()
             try:
-                while (job := await self._take()) is not None:
+                while not self._stopped and (job := await self._take()) is not None:
                     self._begin(job)
             except (SQLAlchemyError, OSError) as error:
                 logger.warning("the queue of jobs cannot be read: %s", error)
@@ -113,7 +119,8 @@ class JobRunner:
         candidates = [job for job in heads if self._turns.running[job.owner] < most]
         while candidates:
             chosen = self._turns.next(candidates)
-            if await self._database.change(lambda session, job=chosen: queries.start(session, job.id)):  # type: ignore[misc]
+            # A refusal waits for the next look, since the end of the service waits for this one.
+            if await self._database.change(partial(queries.start, job_id=chosen.id), patient=False):
                 return chosen
             candidates.remove(chosen)  # cancelled meanwhile
         return None

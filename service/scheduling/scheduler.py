@@ -89,6 +89,7 @@ class Scheduler:
         self._idle: list[EpisodeProcess] = []
         self._turns = Turns()
         self._woken = asyncio.Event()
+        self._serving: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._draining = self._stopped = False
         self._queued = 0
@@ -98,7 +99,8 @@ class Scheduler:
     async def start(self) -> None:
         """Recovers what an earlier service left unfinished, then starts."""
         await recover(self._database, self._orders, self._results)
-        always = (self._serve(), self._sweep(), dismiss_workers(self._database, self.leases))
+        self._serving = asyncio.create_task(self._serve())
+        always = (self._sweep(), dismiss_workers(self._database, self.leases))
         self._tasks = [asyncio.create_task(one) for one in always]
 
     def wake(self) -> None:
@@ -109,10 +111,13 @@ class Scheduler:
         """Starts no more episodes; workers learn of it with their next step."""
         self._draining = True
         self.leases.drain()
+        self.wake()
 
     async def drain(self) -> None:
         """Waits until running episodes have ended, for `drain_s` at most."""
         self.begin_drain()
+        if self._serving is not None:
+            await asyncio.wait([self._serving])  # the episode that it is taking runs from then on, too
         for live in [one for one in self._live.values() if one.unclaimed and one.task is not None]:
             live.task.cancel()  # type: ignore[union-attr]
         tasks = {live.task for live in self._live.values() if live.task is not None}
@@ -125,10 +130,11 @@ class Scheduler:
             return
         await self.drain()
         self._stopped = self._database.stopped = True
-        for task in [*self._tasks, *(live.task for live in self._live.values() if live.task is not None)]:
-            task.cancel()
-        tasks = [live.task for live in self._live.values() if live.task is not None]
-        await asyncio.gather(*self._tasks, *tasks, return_exceptions=True)
+        tasks = [*self._tasks, *(live.task for live in self._live.values() if live.task is not None)]
+        for task in tasks:
+            if not task.cancelling():  # one that is cancelled may be returning its episode: a second time cuts that off
+                task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         await asyncio.gather(*(process.close() for process in self._idle))
         self._idle.clear()
 
@@ -185,7 +191,8 @@ class Scheduler:
         if not can_start:
             return None
         chosen = self._turns.next(can_start)
-        return await self._database.change(lambda session: queue.take(session, chosen))
+        # A refusal waits for the next look, since a drain waits for this one.
+        return await self._database.change(lambda session: queue.take(session, chosen), patient=False)
 
     def _has_room(self, one: Waiting) -> bool:
         """Whether a process is free for an evaluation, and a worker wants it.

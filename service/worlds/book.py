@@ -107,7 +107,7 @@ class WorldBook:
 
         Raises:
             TooManyRequestsError: The owner has too many worlds.
-            BusyError: There are too many worlds, or the simulation cannot be started.
+            BusyError: There are too many worlds, the simulation cannot be started, or the service is ending.
             InvalidInputError: The scenario cannot be simulated.
         """
         if before := await asyncio.to_thread(self._made_before, owner, request):
@@ -121,6 +121,7 @@ class WorldBook:
         try:
             before = await asyncio.shield(added)
             await process.start()
+            self._check_goes_on()  # whatever begins now, `stop` would not know of
         except BaseException as error:
             del self._live[identifier]
             await asyncio.shield(self._undo(identifier, added, process))
@@ -141,9 +142,12 @@ class WorldBook:
             await self._refuse(identifier, await task)
         return identifier
 
-    def _check_room(self, owner: str) -> None:
+    def _check_goes_on(self) -> None:
         if self._stopping:
             raise BusyError("the service is ending")
+
+    def _check_room(self, owner: str) -> None:
+        self._check_goes_on()
         most = self._settings.worlds_per_owner
         if sum(world.owner == owner for world in self._live.values()) >= most:
             raise TooManyRequestsError(f"expected at most {most} live worlds of one owner; end one", retry_s=60)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import SecretStr
+from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.model import Role
 from dohyo.service.database.engine import Database
@@ -235,6 +237,29 @@ def test_a_stopped_service_leaves_its_jobs_to_the_next(tmp_path: Path, database_
     desk.free.set()
     with running(tmp_path / "data", **settings) as service:
         assert ended(service, job).status_code == 201
+
+
+def test_a_job_that_is_taken_as_the_service_stops_is_left_to_the_next(
+    tmp_path: Path, database_url: str, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stop comes before the commit of the take, in a thread that nobody can stop."""
+    taking, start = threading.Event(), queries.start
+
+    def start_late(session: Session, job_id: str) -> bool:
+        taking.set()
+        time.sleep(0.5)  # meanwhile the stop goes as far as it can
+        return start(session, job_id)
+
+    monkeypatch.setattr(queries, "start", start_late)
+    with running(tmp_path / "data", database=SecretStr(database_url)) as service:
+        job = order(service, "team")
+        assert taking.wait(30.0)
+    database = Database(database_url)
+    with database.reading() as session:
+        left = queries.find_job(session, job)
+        assert left is not None
+        assert (left.status, left.starts) == (JobStatus.QUEUED, 0)
+    database.close()
 
 
 def test_old_jobs_are_deleted_and_new_ones_kept(tmp_path: Path, desk: Desk) -> None:

@@ -271,6 +271,53 @@ def test_drives_that_outlast_the_drain_are_queued_again_and_a_step_under_way_is_
     wait_until(lambda: not any(Path(f"/proc/{one}").exists() for one in processes), "episode processes are left")
 
 
+def test_an_episode_that_is_taken_as_the_service_stops_is_queued_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stop comes before the commit of the take, in a thread that nobody can stop."""
+    shop, taking = Service(tmp_path / "data", processes=1, drain_s=0.0), Stop(queue.take)
+    monkeypatch.setattr(queue, "take", taking)
+    evaluation = submit(shop, "steady", missions=2)
+
+    async def main() -> None:
+        async with scheduled(shop) as running:
+            await until(taking.reached.is_set)
+            stopping = asyncio.create_task(running.stop())
+            await asyncio.wait([stopping], timeout=0.5)  # it goes as far as it can
+            taking.may_go_on.set()
+            await stopping
+
+    asyncio.run(main())
+    assert [(one.status, one.attempts) for one in shop.episodes(evaluation)] == [(EpisodeStatus.QUEUED, 0)] * 2
+    assert [one.outcome for one in shop.attempts(evaluation)] == ["drained"]
+    shop.close()
+
+
+def test_the_end_of_the_drain_cuts_no_episode_off_that_goes_back_to_the_queue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The drain itself gives back what no worker has claimed; the database is busy until the drain ends."""
+    shop, real = Service(tmp_path / "data", processes=1, drain_s=1.0), results.Results.requeue
+    evaluation = shop.submit(info_of(STEADY).model_copy(update={"name": "steady"}), short())
+
+    async def main() -> None:
+        async with scheduled(shop) as running:
+
+            async def late(stores: results.Results, ticket: Ticket) -> None:
+                await until(lambda: running._stopped)
+                await real(stores, ticket)
+
+            monkeypatch.setattr(results.Results, "requeue", late)
+            running.leases.register("steady", "owner", "token", capacity=1, version=None)
+            running.wake()
+            await until(lambda: running.snapshot()["running"] == 1)
+
+    asyncio.run(main())
+    (episode,) = shop.episodes(evaluation)
+    assert (episode.status, episode.attempts) == (EpisodeStatus.QUEUED, 0)
+    shop.close()
+
+
 def test_a_cancellation_before_an_episode_takes_its_first_step_frees_its_place(
     shop: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:

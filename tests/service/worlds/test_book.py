@@ -10,7 +10,7 @@ from sqlalchemy import func, select
 
 from dohyo.service.database.engine import Database
 from dohyo.service.errors import BusyError
-from dohyo.service.running.process import EpisodeProcess
+from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.settings import Settings
 from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.worlds.book import WorldBook
@@ -66,3 +66,22 @@ def test_a_request_that_is_given_up_leaves_no_world(
 
     asyncio.run(give_up())
     assert worlds_of(database) == 0
+
+
+def test_a_world_whose_process_starts_as_the_service_ends_does_not_begin(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    book, began = WorldBook(Settings(data=tmp_path / "data"), database), list[str]()
+
+    async def start(process: EpisodeProcess) -> None:
+        await book.stop()
+
+    async def drive(process: EpisodeProcess, order: WorldOrder) -> Outcome:
+        began.append(order.name)
+        return Outcome(End.DIED)
+
+    monkeypatch.setattr(EpisodeProcess, "start", start)
+    monkeypatch.setattr(EpisodeProcess, "drive", drive)
+    with pytest.raises(BusyError, match="the service is ending"):
+        asyncio.run(book.create("lab", order, RULES, (None, "one")))
+    assert (worlds_of(database), began) == (0, [])
