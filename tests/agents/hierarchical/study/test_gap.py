@@ -1,8 +1,8 @@
-"""The gap of generalisation: shares by town and conditions, and the interval of their difference."""
+"""The gap of generalisation: shares by town and conditions."""
 
 from __future__ import annotations
 
-from dohyo.agents.hierarchical.study.gap import gap, gap_section
+from dohyo.agents.hierarchical.study.gap import gap_section
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.study import Results
 
@@ -16,17 +16,6 @@ def drives(town: str, conditions: str, successes: int, *red: int, count: int = 1
         }
         for i in range(count)
     ]  # fmt: skip
-
-
-def test_the_difference_has_an_interval_that_knows_both_sides() -> None:
-    found = gap([True] * 90 + [False] * 10, [True] * 60 + [False] * 40)
-    assert found.mean is not None
-    assert round(found.mean, 6) == 30.0
-    assert found.low is not None
-    assert found.high is not None
-    assert 15.0 < found.low < 25.0 < 35.0 < found.high < 45.0
-    equal = gap([True] * 5, [True] * 5)
-    assert (equal.mean, equal.low, equal.high) == (0.0, 0.0, 0.0)
 
 
 def test_each_place_has_its_column_and_lawful_success_its_line() -> None:

@@ -1,0 +1,143 @@
+"""Study `generalisation`: every learned driver in the town and conditions of its training, and where it never was.
+
+    python -m dohyo.agents.studies generalisation run
+    python -m dohyo.agents.studies generalisation table --write
+    python -m dohyo.agents.studies generalisation figures --out docs/pictures
+
+The two towns differ, too. Therefore the autopilot drives the same missions, which learned in neither: what a driver
+loses beyond it is the price of not having been there. Row 29 of the theses' comparisons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import plotly.graph_objects as go
+
+from dohyo.agents.endless_driving.study.judging import measures
+from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
+from dohyo.agents.studies.driving import driven
+from dohyo.agents.studies.rows import Row, by_arm
+from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.samples import Sample, scenario_of
+from dohyo.agents.studies.study import Results, Study
+from dohyo.agents.studies.tables import fixed
+from dohyo.agents.studies.unseen import PLACES, gap, gap_beyond, place_of
+from dohyo.evaluation.report.pictures import write_page
+from dohyo.evaluation.report.style import MISSING, PALETTES, markdown, template
+from dohyo.evaluation.statistics import share_estimate
+from dohyo.sumo_networks.config import Config
+
+ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
+    {
+        "autopilot": Arm("autopilot", isolates="learned nowhere"),
+        "ghrl": Arm("ghrl", isolates="town-train, exact state"),
+        "priboot": Arm("priboot", isolates="town-train, district, Ingolstadt, Braunschweig; view from above"),
+        "griad": Arm("griad", isolates="town-train, three cameras"),
+        "rlfold": Arm("rlfold", isolates="town-train, one camera"),
+        "rlad": Arm("rlad", isolates="town-train, one camera"),
+    }
+)
+CONTROL: Final = "autopilot"
+MISSIONS: Final = Sample("nocrash", every=5)
+OUTCOMES: Final = {"success": "success, %", "lawful_success": "lawful success, %"}
+KEPT: Final = ("status", "success", "lawful_success", "route_completion", "route_m", "driven_m", "infractions")
+SIZE: Final = (980, 420)
+
+
+class NoOptions(Config):
+    """The study has no settings: the shipped weights drive."""
+
+
+def cells(options: NoOptions) -> list[Cell]:
+    """All drivers on every fifth mission of all twelve cells of NoCrash."""
+    return cells_of([Block([*ARMS], (None,), MISSIONS.places())])
+
+
+def work(options: NoOptions, job: Job) -> Iterator[Row]:
+    """The drives of one driver in one cell.
+
+    Raises:
+        SimulationError: A simulation failed.
+    """
+    for cell in job:
+        found = measures(*driven(scenario_of(cell), ARMS[cell.arm].make()))
+        yield {**cell._asdict(), **{name: found[name] for name in KEPT}}
+
+
+def gap_section(results: Results) -> str:
+    """A row per driver and outcome: success by place, what it loses, and what it loses beyond the control."""
+    control = {_mission(row): row for row in results.kept if row["arm"] == CONTROL}
+    lines = []
+    for arm, own in by_arm(results.kept, ARMS).items():
+        groups = _groups(own)
+        for outcome, head in OUTCOMES.items():
+            shares = [[bool(row[outcome]) for row in group] for group in groups]
+            pairs = [
+                [
+                    (bool(row[outcome]), bool(control[_mission(row)][outcome]))
+                    for row in group
+                    if _mission(row) in control
+                ]
+                for group in (groups[0], groups[-1])
+            ]
+            beyond = MISSING if arm == CONTROL or not all(pairs) else fixed(gap_beyond(pairs[0], pairs[1]))
+            told = [fixed(share_estimate(some)) for some in shares]
+            lines.append([arm, ARMS[arm].isolates, head, *told, fixed(gap(shares[0], shares[-1])), beyond])
+    heads = ["driver", "learned in", "NoCrash", *PLACES, "gap", f"beyond the {CONTROL}'s"]
+    return markdown(heads, lines) if lines else ""
+
+
+def figure(results: Results) -> go.Figure:
+    """Lawful success of each driver where it learned, and where neither town nor conditions were seen."""
+    found = by_arm(results.kept, ARMS)
+    ends = {
+        arm: [share_estimate([bool(row["lawful_success"]) for row in group]).mean or 0.0 for group in _groups(own)]
+        for arm, own in found.items()
+    }
+    order = sorted(ends, key=lambda arm: ends[arm][0] - ends[arm][-1], reverse=True)
+    drawn = go.Figure()
+    for arm in order:
+        line = {"color": PALETTES["light"].quiet, "width": 2}
+        drawn.add_scatter(
+            x=[ends[arm][0], ends[arm][-1]], y=[arm, arm], mode="lines", line=line, showlegend=False, hoverinfo="skip"
+        )
+    ink = PALETTES["light"].ink
+    for number, name, colour in ((0, "town and conditions of the training", ink), (-1, "both unseen", "white")):
+        marker = {"size": 13, "color": colour, "line": {"color": ink, "width": 2}}
+        drawn.add_scatter(x=[ends[arm][number] for arm in order], y=order, mode="markers", name=name, marker=marker)
+    drawn.update_xaxes(title="success without a red light or stop sign run, %", range=[-3, 103])
+    return drawn.update_layout(
+        template=template(), width=SIZE[0], height=SIZE[1], margin_t=100, legend={"orientation": "h", "y": 1.12},
+        title={"text": "What holds where nobody learned", "subtitle": {"text": "NoCrash, all traffic; row 29"}},
+    )  # fmt: skip
+
+
+def figures(results: Results, folder: Path) -> Sequence[Path]:
+    """Draws the figure into a folder."""
+    return write_page(figure(results), folder / "league-gap.html", "Gap of generalisation")
+
+
+def _groups(rows: Sequence[Row]) -> list[list[Row]]:
+    return [[row for row in rows if place_of(row["scenario"]) == place] for place in PLACES.values()]
+
+
+def _mission(row: Row) -> str:
+    return str(row["scenario"])
+
+
+STUDY: Final = Study(
+    summary="all learned drivers: towns and conditions never seen",
+    room=Path(__file__).parents[1],
+    options=NoOptions,
+    cells=cells,
+    work=work,
+    tables={"gap": gap_section},
+    together=lambda cell: (cell.arm, cell.scenario.rpartition(".")[0]),
+    fresh=True,
+    figures=figures,
+    published="generalisation",
+)
