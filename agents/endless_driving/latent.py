@@ -29,11 +29,14 @@ class LatentConfig(Config):
     Attributes:
         layers: Channels and stride of each convolution; None: `SLIM` at 64 x 64, the thesis's at 256 x 256.
         local_mixing: Whether A-LIX follows every convolution.
+        scaled_mixing: Whether A-LIX shifts small maps by the same share of their side as its source, not by as many
+            pixels: 2.5 are half of a map of 5 x 5.
         waypoints: WayConv1D, or the plain layers that it replaces.
     """
 
     layers: tuple[tuple[int, int], ...] | None = None
     local_mixing: bool = True
+    scaled_mixing: bool = False
     waypoints: Literal["convolution", "plain"] = "convolution"
 
 
@@ -84,7 +87,8 @@ def picture_encoder(box: Box, config: LatentConfig) -> RladEncoder:
     """RLAD's encoder for pictures of a space."""
     channels, height, width = box.shape
     small = SLIM if min(height, width) < 128 else None
-    return RladEncoder((channels, height, width), layers=config.layers or small, mixed=config.local_mixing)
+    mixed, scaled = config.local_mixing, config.scaled_mixing
+    return RladEncoder((channels, height, width), layers=config.layers or small, mixed=mixed, scaled=scaled)
 
 
 def layers(inputs: int, hidden: int, features: int) -> nn.Sequential:

@@ -20,6 +20,8 @@ from torch.nn.functional import pad, unfold
 
 REACH = 2.5
 """Shift of full strength, pixels (2 in the paper's text; half of 2 x 2 + 1 in its release)."""
+SIDE = 35
+"""Side of the smallest maps that the paper shifts, of pictures of 84 x 84."""
 TARGET = 0.535
 """Discontinuity of gradients that the strength is tuned to."""
 LEARNING_RATE, BETAS = 2e-3, (0.5, 0.999)
@@ -36,12 +38,13 @@ class LocalMixing(nn.Module):
             `discontinuity`.
         reach: Shift of full strength, pixels.
         target: See `TARGET`.
+        side: Maps that are smaller than this are shifted by the same share of their side, not by as many pixels.
     """
 
-    def __init__(self, strength: float = 0.5, reach: float = REACH, target: float = TARGET) -> None:
+    def __init__(self, strength: float = 0.5, reach: float = REACH, target: float = TARGET, side: int = 1) -> None:
         super().__init__()
         self.strength = nn.Parameter(torch.tensor(strength))
-        self.reach, self.target = reach, target
+        self.reach, self.target, self.side = reach, target, side
 
     def forward(self, maps: Tensor, tune: bool = False) -> Tensor:
         """Feature maps (B, C, H, W), shifted; the shift is the same for the batch and drawn from torch's generator.
@@ -54,7 +57,8 @@ class LocalMixing(nn.Module):
             return maps
         with torch.no_grad():
             self.strength.clamp_(0.0, 1.0)
-        down, right = ((2.0 * torch.rand(2) - 1.0) * self.reach * self.strength.item()).tolist()
+        furthest = self.reach * min(1.0, maps.shape[-1] / self.side) * self.strength.item()
+        down, right = ((2.0 * torch.rand(2) - 1.0) * furthest).tolist()
         shifted = shift_maps(maps, down, right)
         if tune:
             shifted = _Tuning.apply(shifted, self.strength, self.target)  # type: ignore[no-untyped-call]

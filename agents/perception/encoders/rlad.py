@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from dohyo.agents.perception.convolutions import convolved
 from dohyo.agents.perception.encoders.base import Encoder, Shape
-from dohyo.agents.perception.encoders.local_mixing import LocalMixing
+from dohyo.agents.perception.encoders.local_mixing import SIDE, LocalMixing
 
 KERNEL = 3
 """Side of a kernel; at a longer stride it is a pixel longer than the stride, so that no pixel is left out."""
@@ -37,6 +37,7 @@ class RladEncoder(Encoder):
         features: int = 256,
         layers: tuple[tuple[int, int], ...] | None = None,
         mixed: bool = True,
+        scaled: bool = False,
     ) -> None:
         """Draws weights from torch's generator.
 
@@ -46,6 +47,7 @@ class RladEncoder(Encoder):
             layers: Channels and stride of each convolution; None: `THESIS` where the pictures are large enough for
                 it, else `SMALL`.
             mixed: Whether A-LIX follows every convolution.
+            scaled: Whether it shifts small maps by the same share of their side as those of its source, see `SIDE`.
 
         Raises:
             InvalidInputError: The pictures are too small for the layers.
@@ -58,7 +60,7 @@ class RladEncoder(Encoder):
             kernel = max(KERNEL, stride + 1)
             self.convolutions.append(nn.Conv2d(channels, filters, kernel, stride))
             channels, height, width = filters, convolved(height, kernel, stride), convolved(width, kernel, stride)
-        self.mixing = LocalMixing() if mixed else None
+        self.mixing = LocalMixing(side=SIDE if scaled else 1) if mixed else None
         self.linear = nn.Sequential(nn.Linear(channels * height * width, features), nn.LayerNorm(features), nn.Tanh())
         self.apply(initialise)
         self.convolutions.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a third faster
