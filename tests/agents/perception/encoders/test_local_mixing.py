@@ -83,6 +83,14 @@ def test_the_shift_is_within_the_strength_and_follows_from_the_seed():
     torch.testing.assert_close(layer(ramp), first)
 
 
+@pytest.mark.parametrize(("side", "reached"), [(7, 0.5), (35, 2.5), (64, 2.5)])
+def test_small_maps_are_shifted_by_the_same_share_of_their_side(side, reached):
+    layer = LocalMixing(strength=1.0, side=35)
+    ramp = torch.arange(float(side)).expand(1, 1, side, side)
+    shifts = torch.stack([(layer(ramp) - ramp)[0, 0, side // 2, side // 2] for _ in range(300)])
+    assert 0.95 * reached < shifts.abs().max() <= reached + 1e-4
+
+
 @pytest.mark.parametrize(("gradient", "rises"), [("noise", True), ("constant", False)])
 def test_the_strength_is_tuned_to_the_target(gradient, rises):
     layer = LocalMixing()
