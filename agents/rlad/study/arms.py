@@ -71,6 +71,7 @@ CLAIMS: Final = (
         15,
         *above("rlad-short", *_RIVALS, measure="success", where="regular"),
         *above("rlad-short", *_RIVALS, measure="success", where="dense"),
+        *above("unscaled-short", *_RIVALS, measure="success", where="regular"),
         *(Claim(arm, ">", "drq-v2", "success", "regular") for arm in _RIVALS),
     ),
     *of_ablation(
