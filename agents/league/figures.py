@@ -42,7 +42,14 @@ SECTION: Final = """## What a decision costs
 
 ![Infractions per km of each driver, by kind](pictures/league-infractions.png)
 
-Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/pictures` draws both pictures."""
+Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/pictures` draws both pictures.
+
+## What holds where nobody learned
+
+![Success of each learned driver where it learned, and where it never was](pictures/league-gap.png)
+
+On missions of their own, beside the autopilot, which learned in neither town:
+[the numbers](researchers/systems/generalisation.md)."""
 """Pictures on the page of the published edition."""
 FEWEST: Final = 0.02
 """Rate below which a kind of infraction is left out, per km."""

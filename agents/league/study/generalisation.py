@@ -109,10 +109,12 @@ def figure(results: Results) -> go.Figure:
     for number, name, colour in ((0, "town and conditions of the training", ink), (-1, "both unseen", "white")):
         marker = {"size": 13, "color": colour, "line": {"color": ink, "width": 2}}
         drawn.add_scatter(x=[ends[arm][number] for arm in order], y=order, mode="markers", name=name, marker=marker)
+    drawn.update_yaxes(autorange="reversed")
     drawn.update_xaxes(title="success without a red light or stop sign run, %", range=[-3, 103])
     return drawn.update_layout(
-        template=template(), width=SIZE[0], height=SIZE[1], margin_t=100, legend={"orientation": "h", "y": 1.12},
-        title={"text": "What holds where nobody learned", "subtitle": {"text": "NoCrash, all traffic; row 29"}},
+        template=template(), width=SIZE[0], height=SIZE[1], margin={"t": 90, "b": 120},
+        legend={"orientation": "h", "y": -0.38},
+        title={"text": "What holds where nobody learned", "subtitle": {"text": "NoCrash in all amounts of traffic"}},
     )  # fmt: skip
 
 
