@@ -48,16 +48,16 @@ KEPT: Final = ("status", "success", "lawful_success", "route_completion", "route
 SIZE: Final = (980, 420)
 
 
-class NoOptions(Config):
-    """The study has no settings: the shipped weights drive."""
+class Options(Config):
+    """The study has no options: the shipped weights drive."""
 
 
-def cells(options: NoOptions) -> list[Cell]:
+def cells(options: Options) -> list[Cell]:
     """All drivers on every fifth mission of all twelve cells of NoCrash."""
     return cells_of([Block([*ARMS], (None,), MISSIONS.places())])
 
 
-def work(options: NoOptions, job: Job) -> Iterator[Row]:
+def work(options: Options, job: Job) -> Iterator[Row]:
     """The drives of one driver in one cell.
 
     Raises:
@@ -70,22 +70,14 @@ def work(options: NoOptions, job: Job) -> Iterator[Row]:
 
 def gap_section(results: Results) -> str:
     """A row per driver and outcome: success by place, what it loses, and what it loses beyond the control."""
-    control = {_mission(row): row for row in results.kept if row["arm"] == CONTROL}
-    lines = []
-    for arm, own in by_arm(results.kept, ARMS).items():
-        groups = _groups(own)
+    places, lines = _places(results), []
+    control = places.get(CONTROL)
+    for arm, groups in places.items():
         for outcome, head in OUTCOMES.items():
             shares = [[bool(row[outcome]) for row in group] for group in groups]
-            pairs = [
-                [
-                    (bool(row[outcome]), bool(control[_mission(row)][outcome]))
-                    for row in group
-                    if _mission(row) in control
-                ]
-                for group in (groups[0], groups[-1])
-            ]
-            beyond = MISSING if arm == CONTROL or not all(pairs) else fixed(gap_beyond(pairs[0], pairs[1]))
             told = [fixed(share_estimate(some)) for some in shares]
+            pairs = [_beside(groups[at], control[at], outcome) for at in (0, -1)] if arm != CONTROL and control else []
+            beyond = fixed(gap_beyond(*pairs)) if pairs and all(pairs) else MISSING
             lines.append([arm, ARMS[arm].isolates, head, *told, fixed(gap(shares[0], shares[-1])), beyond])
     heads = ["driver", "learned in", "NoCrash", *PLACES, "gap", f"beyond the {CONTROL}'s"]
     return markdown(heads, lines) if lines else ""
@@ -93,20 +85,17 @@ def gap_section(results: Results) -> str:
 
 def figure(results: Results) -> go.Figure:
     """Lawful success of each driver where it learned, and where neither town nor conditions were seen."""
-    found = by_arm(results.kept, ARMS)
     ends = {
-        arm: [share_estimate([bool(row["lawful_success"]) for row in group]).mean or 0.0 for group in _groups(own)]
-        for arm, own in found.items()
+        arm: [share_estimate([bool(row["lawful_success"]) for row in group]).mean for group in (groups[0], groups[-1])]
+        for arm, groups in _places(results).items()
     }
-    order = sorted(ends, key=lambda arm: ends[arm][0] - ends[arm][-1], reverse=True)
+    order = sorted(ends, key=lambda arm: (ends[arm][0] or 0.0) - (ends[arm][1] or 0.0), reverse=True)
     drawn = go.Figure()
     for arm in order:
         line = {"color": PALETTES["light"].quiet, "width": 2}
-        drawn.add_scatter(
-            x=[ends[arm][0], ends[arm][-1]], y=[arm, arm], mode="lines", line=line, showlegend=False, hoverinfo="skip"
-        )
+        drawn.add_scatter(x=ends[arm], y=[arm, arm], mode="lines", line=line, showlegend=False, hoverinfo="skip")
     ink = PALETTES["light"].ink
-    for number, name, colour in ((0, "town and conditions of the training", ink), (-1, "both unseen", "white")):
+    for number, name, colour in ((0, "town and conditions of the training", ink), (1, "both unseen", "white")):
         marker = {"size": 13, "color": colour, "line": {"color": ink, "width": 2}}
         drawn.add_scatter(x=[ends[arm][number] for arm in order], y=order, mode="markers", name=name, marker=marker)
     drawn.update_yaxes(autorange="reversed")
@@ -123,18 +112,25 @@ def figures(results: Results, folder: Path) -> Sequence[Path]:
     return write_page(figure(results), folder / "league-gap.html", "Gap of generalisation")
 
 
-def _groups(rows: Sequence[Row]) -> list[list[Row]]:
-    return [[row for row in rows if place_of(row["scenario"]) == place] for place in PLACES.values()]
+def _places(results: Results) -> dict[str, list[list[Row]]]:
+    """Rows of each driver by place, of those that drove in every one."""
+    found = {
+        arm: [[row for row in own if place_of(row["scenario"]) == place] for place in PLACES.values()]
+        for arm, own in by_arm(results.kept, ARMS).items()
+    }
+    return {arm: groups for arm, groups in found.items() if all(groups)}
 
 
-def _mission(row: Row) -> str:
-    return str(row["scenario"])
+def _beside(rows: Sequence[Row], others: Sequence[Row], outcome: str) -> list[tuple[bool, bool]]:
+    """Whether a driver and another one succeed, on each mission that both drove."""
+    beside = {row["scenario"]: bool(row[outcome]) for row in others}
+    return [(bool(row[outcome]), beside[row["scenario"]]) for row in rows if row["scenario"] in beside]
 
 
 STUDY: Final = Study(
     summary="all learned drivers: towns and conditions never seen",
     room=Path(__file__).parents[1],
-    options=NoOptions,
+    options=Options,
     cells=cells,
     work=work,
     tables={"gap": gap_section},

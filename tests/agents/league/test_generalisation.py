@@ -44,6 +44,13 @@ def test_without_the_control_there_is_a_gap_and_nothing_beyond_it() -> None:
     assert [cells(line)[-1] for line in lines] == ["—", "—"]
 
 
+def test_a_driver_that_has_not_been_everywhere_so_far_is_left_out() -> None:
+    rows = [*everywhere("rlad", 9, 1), *drives("griad", "town-train", "train", 5)]
+    assert {cells(line)[0] for line in gap_section(Results(rows, {})).splitlines()[2:]} == {"rlad"}
+    assert {name for trace in figure(Results(rows, {})).data for name in trace.y} == {"rlad"}
+    assert gap_section(Results(drives("griad", "town-train", "train", 5), {})) == ""
+
+
 def test_the_largest_loss_stands_first() -> None:
     points = [trace for trace in figure(Results(ROWS, {})).data if trace.mode == "markers"]
     assert [list(trace.y) for trace in points] == [["rlad", "autopilot"]] * 2
