@@ -48,7 +48,9 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "no-standing": _part("stands at a target of 0 alone", "town.stand_below=0", Reported()),
         "far-sighted": _part("a discount of 0.99", "sac.gamma=0.99", Reported()),
         "shipped-before": DrivingArm("A-LIX not scaled", PICTURES, _BEFORE),
-        "as-released": DrivingArm("creeps, far-sighted, A-LIX not scaled", PICTURES, (*_RELEASED, "steps=50000", _UNSCALED)),
+        "as-released": DrivingArm(
+            "creeps, far-sighted, A-LIX not scaled", PICTURES, (*_RELEASED, "steps=50000", _UNSCALED)
+        ),
         "rlad-short": DrivingArm("as short as the rivals", PICTURES, (_THIRD,), Reported(94.0, 62.0, 32.0)),
         "unscaled-short": DrivingArm("A-LIX not scaled, as short", PICTURES, (_THIRD, _UNSCALED)),
         "sac-ae": _rival("sac-ae", Reported(82.0, 42.0, 6.0)),
