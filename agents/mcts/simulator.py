@@ -4,32 +4,20 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
-from dohyo.agents.planning.motion import (
-    Body,
-    Idm,
-    boxes_meet,
-    idm_acceleration,
-    limited_steering,
-    project,
-    pursuit,
-    vehicle_step,
-)
-from dohyo.agents.planning.situation import (
-    CLASS_OBJECT,
-    CLASS_PEDESTRIAN,
-    ROAD_BIT,
-    ROUTE_BIT,
-    Situation,
-    at_row,
-    box_on_grid,
-    leader,
-    on_grid,
-)
+from dohyo.agents.mcts.kernels import kernel, uncounted
+from dohyo.agents.planning import motion
+from dohyo.agents.planning import situation as around
+from dohyo.agents.planning.motion import Body, Idm
+from dohyo.agents.planning.situation import CLASS_OBJECT, CLASS_PEDESTRIAN, ROAD_BIT, ROUTE_BIT, Situation
+from dohyo.sumo_networks import geometry
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.geometry import wrap
+
+project, pursuit, vehicle_step = uncounted(motion.project), uncounted(motion.pursuit), uncounted(motion.vehicle_step)
+limited_steering, boxes_meet = uncounted(motion.limited_steering), uncounted(motion.boxes_meet)
+idm_acceleration, wrap = uncounted(motion.idm_acceleration), uncounted(geometry.wrap)
+at_row, leader = uncounted(around.at_row), uncounted(around.leader)
+on_grid, box_on_grid = uncounted(around.on_grid), uncounted(around.box_on_grid)
 
 X, Y, HEADING, SPEED, ACCELERATION, STEERING, DEMAND, S, LATERAL, OFF_ROAD = range(10)
 STATE = 10
@@ -46,7 +34,7 @@ BEHIND = -0.5
 REACH_M = 4.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def controls(
     road: Situation, car: Body, rules: Rules, state: FloatArray, target: float, lateral: float
 ) -> tuple[float, float]:
@@ -80,7 +68,7 @@ def controls(
     return demand, limited_steering(car, speed, wheel)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def advance(
     road: Situation, car: Body, rules: Rules, state: FloatArray, first: int, accelerate: int, steer: int,
     before: int, terms: FloatArray,
@@ -147,7 +135,7 @@ def advance(
     return ALIVE
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _settle(
     road: Situation,
     rules: Rules,
@@ -184,7 +172,7 @@ def _settle(
         terms[PROGRESS] = rules.bonus_return * min(max(state[S] - began, 0.0), 5.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _gap_missing(road: Situation, car: Body, rules: Rules, state: FloatArray, time: float) -> float:
     """Share of the safe distance that is missing: the leader may brake at any moment, independent of its forecast.
 
@@ -198,14 +186,14 @@ def _gap_missing(road: Situation, car: Body, rules: Rules, state: FloatArray, ti
     return 0.0 if gap >= safe else min((safe - gap) / safe, 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _collision(rules: Rules, kind: int) -> float:
     if kind == CLASS_PEDESTRIAN:
         return rules.penalty_pedestrian
     return rules.penalty_object if kind == CLASS_OBJECT else rules.penalty_vehicle
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _touched(
     road: Situation, car: Body, rules: Rules, x: float, y: float, cos: float, sin: float, speed: float, step: int
 ) -> int:
@@ -240,7 +228,7 @@ def _touched(
     return -2 if near else -1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def crafted_centre(road: Situation, car: Body, rules: Rules, idm: Idm, state: FloatArray, time: float) -> int:
     """Index of the acceleration on which the crafted prior is centred."""
     speed = state[SPEED]

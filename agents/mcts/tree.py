@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
+from dohyo.agents.mcts.kernels import inlined, kernel
 from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
 from dohyo.agents.mcts.value.mlp import Mlp, no_value, value_of
 from dohyo.agents.planning.motion import Body, Idm
@@ -116,7 +116,7 @@ class Beliefs(NamedTuple):
     value: Mlp = no_value()
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def start(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, state: FloatArray) -> None:
     """Empties the tree and puts the ego's state at its root."""
     used = tree.numbers[NODES]
@@ -140,7 +140,7 @@ def start(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
     _open(tree, road, car, rules, idm, beliefs, 0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def search(
     tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, simulations: int,
     early_stop: bool,
@@ -193,13 +193,13 @@ def search(
     return simulations
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def walk_end(rules: Rules) -> int:
     """Actions after which a walk ends."""
     return min(rules.bootstrap, rules.depth) if rules.bootstrap > 0 else rules.depth
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
     """Action of the previous tick's plan, if the constraints still allow it."""
     action = beliefs.plan[tree.depth[node]]
@@ -210,7 +210,7 @@ def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
     return int(action) if w[0] <= a <= w[1] and w[2] <= b <= w[3] else -1
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def prior_of(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, action: int) -> float:
     """P of an action under a node: the mean of the priors in force, each normalised over the actions allowed."""
     a, b = action // ACTIONS, action % ACTIONS
@@ -231,7 +231,7 @@ def prior_of(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, action: int)
     return float(total / parts)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bool) -> int:
     """The action of the highest Q + c P sqrt(sum N) / (1 + N).
 
@@ -279,7 +279,7 @@ def select(tree: Tree, rules: Rules, beliefs: Beliefs, node: int, prior_only: bo
     return int(chosen)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def draw(tree: Tree, rules: Rules, beliefs: Beliefs, node: int) -> int:
     """Action drawn from the prior, independent of earlier results: random shooting."""
     w, left = tree.window[node], beliefs.draws[tree.numbers[DRAWN] % len(beliefs.draws)]
@@ -294,7 +294,7 @@ def draw(tree: Tree, rules: Rules, beliefs: Beliefs, node: int) -> int:
     return int(action)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _expand(
     tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, node: int, action: int
 ) -> int:
@@ -324,7 +324,7 @@ def _expand(
     return int(child)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@inlined
 def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, beliefs: Beliefs, node: int) -> None:
     """The constraints and priors of the actions under a node."""
     reach = (rules.root_window if node == 0 else rules.node_window) - 1
@@ -345,7 +345,7 @@ def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
         tree.centre[node, 2] = ahead * _mass(beliefs.kernel, w[2], w[3], beliefs.learned[depth, 1])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
     total = 0.0
     for i in range(first, last + 1):
@@ -353,7 +353,7 @@ def _mass(kernel: FloatArray, first: int, last: int, centre: int) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def back_up(tree: Tree, steps: int, perfect: bool) -> None:
     """Q <- (N Q + G) / (N + 1), N <- N + 1 along the walk, G being the undiscounted return from each action on."""
     beyond = tree.beyond[tree.path[steps]]
@@ -373,7 +373,7 @@ def back_up(tree: Tree, steps: int, perfect: bool) -> None:
         tree.best[node] = max(tree.best[node], total)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def best_child(tree: Tree, node: int, choice: int, bonus: int) -> int:
     """Child to continue with: most visits and bonuses (0), highest Q (1), or on the best rollout (2); -1 for none."""
     best, chosen = -math.inf, -1

@@ -1,4 +1,4 @@
-"""The study of all learned drivers: how much of what they learned holds where they never were."""
+"""Studies across systems: learned drivers where they never were, and planners on excerpts they were not developed on."""
 
-STUDIES = {"generalisation": "generalisation"}
+STUDIES = {"generalisation": "generalisation", "planners": "planners"}
 """Studies by name."""

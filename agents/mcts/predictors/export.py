@@ -10,8 +10,9 @@ from pathlib import Path
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
+from torch import Tensor, nn
 
-from dohyo.agents.mcts.predictors.features import SHAPES
+from dohyo.agents.mcts.predictors.described import SHAPES, sized
 from dohyo.agents.mcts.predictors.network import MotionNetwork
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -35,18 +36,35 @@ def load_network(path: Path) -> MotionNetwork:
     return network.eval()
 
 
+class _Futures(nn.Module):
+    """The part of the network that is exported."""
+
+    def __init__(self, network: MotionNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        """See `MotionNetwork.futures`."""
+        return self.network.futures(*inputs)
+
+
 def export(network: MotionNetwork, path: Path) -> None:
-    """Writes an ONNX model with the inputs of `features.SHAPES`, a batch of one, and the output `poses`."""
-    example = tuple(torch.zeros(1, *shape) for shape in SHAPES.values())
+    """Writes an ONNX model with the inputs of `described.SHAPES`, a batch of one, and the output `poses`.
+
+    It takes any number of agents and of lanes, so that a scene need not be padded.
+    """
+    example = tuple(torch.zeros(1, *shape) for shape in sized(agents=3, lanes=2).values())
+    axes = {name: {1 + i: n for i, n in enumerate(of) if isinstance(n, str)} for name, of in SHAPES.items()}
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the tracing exporter is deprecated, the other one needs onnxscript
         torch.onnx.export(
-            network.eval(),
+            _Futures(network.eval()),
             example,
             buffer,  # type: ignore[arg-type]
             input_names=list(SHAPES),
             output_names=["poses"],
+            dynamic_axes={**axes, "poses": {1: "agents"}},
             opset_version=OPSET,
             dynamo=False,
         )

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from dohyo.agents.mcts.kernels import kernel
 from dohyo.agents.planning.motion import Idm, idm_acceleration
 from dohyo.agents.planning.prediction import STEP_S, STEPS, Forecast
 from dohyo.agents.planning.scene import Scene
@@ -137,7 +138,7 @@ def _agents(scene: Scene) -> Agents:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _foot(points: FloatArray, x: float, y: float) -> tuple[int, float, float, float]:
     """Nearest place on a polyline: segment, share of it, signed distance [m, left positive], direction [rad]."""
     best, row, share = math.inf, 0, 0.0
@@ -298,7 +299,7 @@ def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _place(way: Paths, n: int, s: float, lateral: float, turn: float, now: FloatArray) -> None:
     """The pose at an arc length, at a distance [m] and an angle [rad] to the path."""
     points, heading = way.points[n], way.heading[n]
@@ -320,7 +321,7 @@ def _bounds(way: Paths) -> FloatArray:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _leaders(
     agents: Agents, way: Paths, bounds: FloatArray, now: FloatArray, s: FloatArray, leader: IntArray, gap: FloatArray
 ) -> None:
@@ -342,7 +343,7 @@ def _leaders(
                 _follow(agents, way, now, s[n], n, m, leader, gap)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _follow(
     agents: Agents, way: Paths, now: FloatArray, s: float, n: int, m: int, leader: IntArray, gap: FloatArray
 ) -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from dohyo.agents.learning.policies.session import session_from
-from dohyo.agents.mcts.predictors.features import SHAPES, features
+from dohyo.agents.mcts.predictors.described import SHAPES, described
+from dohyo.agents.mcts.predictors.features import features
 from dohyo.agents.planning.prediction import NEAREST, STEPS, Forecast, constant_velocity
 from dohyo.agents.planning.scene import Scene
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
@@ -29,7 +30,7 @@ class Learned:
         self.session = session_from(Path(path), "predictor")
         inputs = {one.name: tuple(one.shape[1:]) for one in self.session.get_inputs()}
         if inputs != SHAPES:
-            raise InvalidInputError(f"'{path}' is no predictor: expected the inputs {SHAPES}, got {inputs}")
+            raise InvalidInputError(f"'{path}' is no predictor: expected the inputs {dict(SHAPES)}, got {inputs}")
 
     def predict(self, scene: Scene) -> Forecast:
         """See the class."""
@@ -38,12 +39,12 @@ class Learned:
         ego = dense(np.zeros((1, 3)), poses[:1])[0]
         actors = constant_velocity(scene)
         start = np.column_stack([scene.actors.position, scene.actors.heading])[:seen]
-        actors[:seen] = dense(start, poses[1 : seen + 1])
+        actors[:seen] = dense(start, poses[1:])
         return Forecast(actors=actors, ego=ego)
 
     def poses(self, scene: Scene) -> Float32Array:
-        """(31, 16, 3) output of the network, every 0.5 s from 0.5 s on; row 0 is the ego."""
-        inputs = {name: array[None] for name, array in features(scene).items()}
+        """(1 + N, 16, 3) output of the network, every 0.5 s from 0.5 s on: the ego and its nearest N, 30 at most."""
+        inputs = {name: array[None] for name, array in described(features(scene)).items()}
         out: Float32Array = self.session.run(None, inputs)[0][0]
         return out
 

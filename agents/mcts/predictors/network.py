@@ -13,14 +13,25 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from dohyo.agents.mcts.predictors.features import AGENT_ATTRIBUTES, LANE_ATTRIBUTES, SPEED_UNIT
+from dohyo.agents.mcts.predictors.described import (
+    FAR_AGENT_M,
+    FAR_LANE_M,
+    NEAR_AGENT_M,
+    NEAR_LANE_M,
+    PAIR,
+    PAST,
+    PLAN,
+    REACH_M,
+    SEGMENT_SCALE,
+    SHAPE,
+    STEP_SCALE,
+    TINY_M,
+)
 from dohyo.agents.planning.scene import HISTORY
 
 STEPS, STEP_S = 16, 0.5
 WIDTH, HEADS, LAYERS = 64, 4, 2
-PAIR_WIDTH, PAIR_FEATURES = 32, 12
-REACH_M = 20.0
-TINY_M = 1e-3
+PAIR_WIDTH = 32
 HIDDEN = -1e4
 
 
@@ -29,10 +40,10 @@ class MotionNetwork(nn.Module):
 
     def __init__(self, width: int = WIDTH, layers: int = LAYERS) -> None:
         super().__init__()
-        self.of_history = PointNet(5 + HISTORY + AGENT_ATTRIBUTES, width)
-        self.of_rolled, self.merge = PointNet(7, width), nn.Linear(2 * width, width)
-        self.of_lane = PointNet(4 + LANE_ATTRIBUTES, width)
-        self.to_agent, self.to_lane = _mlp(PAIR_FEATURES, PAIR_WIDTH), _mlp(PAIR_FEATURES, PAIR_WIDTH)
+        self.of_history = PointNet(PAST, width)
+        self.of_rolled, self.merge = PointNet(PLAN, width), nn.Linear(2 * width, width)
+        self.of_lane = PointNet(SHAPE, width)
+        self.to_agent, self.to_lane = _mlp(PAIR, PAIR_WIDTH), _mlp(PAIR, PAIR_WIDTH)
         self.layers = nn.ModuleList(RelativeAttention(width) for _ in range(layers))
         last = nn.Linear(2 * width, STEPS * 3)
         nn.init.normal_(last.weight, std=0.01)  # the untrained network returns the roll-out
@@ -70,16 +81,32 @@ class MotionNetwork(nn.Module):
         """
         place, heading = history[:, :, -1, :2], history[:, :, -1, 2]
         ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=-1)
-        past = self.of_history(self._past(history, history_valid, agents, place, ahead))
-        who = self.merge(torch.cat([past, self.of_rolled(_plan(rolled, place, heading, ahead))], dim=-1))
-        where = self.of_lane(_shape(points, lanes))
-        pairs = torch.cat(
-            [
-                self.to_agent(_between_agents(place, ahead, agents[..., 0] * SPEED_UNIT)),
-                self.to_lane(_along_lanes(place, ahead, points)),
-            ],
-            dim=2,
+        return self.futures(
+            past=self._past(history, history_valid, agents, place, ahead),
+            plan=_plan(rolled, place, heading, ahead),
+            shape=_shape(points, lanes),
+            between=_between_agents(place, ahead, agents[..., 0]),
+            along=_along_lanes(place, ahead, points),
+            rolled=rolled,
+            agents_valid=agents_valid,
+            lanes_valid=lanes_valid,
         )
+
+    def futures(
+        self,
+        past: Tensor,
+        plan: Tensor,
+        shape: Tensor,
+        between: Tensor,
+        along: Tensor,
+        rolled: Tensor,
+        agents_valid: Tensor,
+        lanes_valid: Tensor,
+    ) -> Tensor:
+        """Futures from what `described.SHAPES` lists, with a batch in front; see `forward`."""
+        who = self.merge(torch.cat([self.of_history(past), self.of_rolled(plan)], dim=-1))
+        where = self.of_lane(shape)
+        pairs = torch.cat([self.to_agent(between), self.to_lane(along)], dim=2)
         mask = (1.0 - torch.cat([agents_valid, lanes_valid], dim=1))[:, None, :, None] * HIDDEN
         for layer in self.layers:
             who = layer(who, where, pairs, mask)
@@ -166,7 +193,7 @@ def _shape(points: Tensor, lanes: Tensor) -> Tensor:
     """(B, L, 19, F) a lane's segments in its own frame (first point, towards the last), with its attributes."""
     ahead = _unit(points[:, :, -1] - points[:, :, 0])[:, :, None]
     local = _turned(points - points[:, :, :1], ahead) / REACH_M
-    step = (local[:, :, 1:] - local[:, :, :-1]) * 10.0
+    step = (local[:, :, 1:] - local[:, :, :-1]) * SEGMENT_SCALE
     known = lanes[:, :, None].expand(-1, -1, step.shape[2], -1)
     return torch.cat([local[:, :, :-1], step, known], dim=-1)
 
@@ -174,7 +201,7 @@ def _shape(points: Tensor, lanes: Tensor) -> Tensor:
 def _plan(rolled: Tensor, place: Tensor, heading: Tensor, ahead: Tensor) -> Tensor:
     """(B, A, 16, 7) a roll-out in the agent's own frame: places, directions, steps and times."""
     local = _turned(rolled[..., :2] - place[:, :, None], ahead[:, :, None]) / REACH_M
-    step = torch.cat([local[:, :, :1], local[:, :, 1:] - local[:, :, :-1]], dim=2) * 4.0
+    step = torch.cat([local[:, :, :1], local[:, :, 1:] - local[:, :, :-1]], dim=2) * STEP_SCALE
     turn = rolled[..., 2] - heading[..., None]
     time = (torch.arange(STEPS, dtype=rolled.dtype, device=rolled.device) / STEPS).expand(turn.shape)
     return torch.cat([local, step, torch.stack([torch.cos(turn), torch.sin(turn), time], dim=-1)], dim=-1)
@@ -191,14 +218,14 @@ def _corrected(rolled: Tensor, out: Tensor) -> Tensor:
 
 
 def _between_agents(place: Tensor, ahead: Tensor, speed: Tensor) -> Tensor:
-    """(B, A, A, F) relative poses and velocities of agents."""
+    """(B, A, A, F) relative poses and velocities of agents; speeds in 10 m/s."""
     apart = _turned(place[:, None] - place[:, :, None], ahead[:, :, None])
     turn = _turned(ahead[:, None], ahead[:, :, None])
     far = (apart * apart).sum(dim=-1, keepdim=True).clamp_min(TINY_M**2).sqrt()
-    velocity = turn * speed[:, None, :, None] / SPEED_UNIT
-    relative = torch.stack([velocity[..., 0] - speed[:, :, None] / SPEED_UNIT, velocity[..., 1]], dim=-1)
-    parts = [apart / REACH_M, turn, far / REACH_M, torch.exp(-far / 3.0), torch.exp(-far / 15.0), relative, velocity]
-    return torch.cat([*parts, torch.ones_like(far)], dim=-1)
+    velocity = turn * speed[:, None, :, None]
+    relative = torch.stack([velocity[..., 0] - speed[:, :, None], velocity[..., 1]], dim=-1)
+    close = [torch.exp(-far / NEAR_AGENT_M), torch.exp(-far / FAR_AGENT_M)]
+    return torch.cat([apart / REACH_M, turn, far / REACH_M, *close, relative, velocity, torch.ones_like(far)], dim=-1)
 
 
 def _along_lanes(place: Tensor, ahead: Tensor, points: Tensor) -> Tensor:
@@ -219,5 +246,11 @@ def _along_lanes(place: Tensor, ahead: Tensor, points: Tensor) -> Tensor:
     end_ahead = _turned(tangent[:, None, :, -1].expand(b, a, count, 2), frame)
     far = (here * here).sum(dim=-1, keepdim=True).clamp_min(TINY_M**2).sqrt()
     parts = [_turned(here, frame) / REACH_M, _turned(torch.cat([cos, sin], dim=-1), frame), far / REACH_M]
-    parts += [torch.exp(-far / 2.0), torch.exp(-far / 10.0), end / REACH_M, end_ahead, nearest / (length - 1.0)]
+    parts += [
+        torch.exp(-far / NEAR_LANE_M),
+        torch.exp(-far / FAR_LANE_M),
+        end / REACH_M,
+        end_ahead,
+        nearest / (length - 1.0),
+    ]
     return torch.cat(parts, dim=-1)

@@ -28,7 +28,7 @@ from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedC
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.mcts.predictors import export
 from dohyo.agents.mcts.predictors.dataset import FUTURE_STEPS, Sample, load_shard, shards_of
-from dohyo.agents.mcts.predictors.features import AGENTS, SHAPES, features
+from dohyo.agents.mcts.predictors.features import AGENTS, SHAPES, features, padded
 from dohyo.agents.mcts.predictors.network import MotionNetwork
 from dohyo.sumo_networks.files import write_atomically
 
@@ -114,7 +114,7 @@ def load_split(folder: Path, split: str) -> Batch:
     futures, valids = [], []
     for path in shards_of(folder, split):
         for sample in load_shard(path):
-            for name, array in features(sample.scene).items():
+            for name, array in padded(features(sample.scene)).items():
                 inputs[name].append(array)
             future, valid = targets(sample)
             futures.append(future)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final
 
@@ -114,9 +114,9 @@ def judged(results: Results) -> list[Judgement]:
     return judge_rows(CLAIMS, [row for row in results.rows if row["benchmark"] == "val14"])
 
 
-def causes_table(rows: Sequence[Row]) -> str:
-    """Points that the planners lost, by cause; empty for whole routes."""
-    scored = by_arm((row for row in rows if "points" in row), PLANNERS)
+def causes_table(rows: Sequence[Row], planners: Iterable[str] = PLANNERS) -> str:
+    """Points that planners lost, by cause: on average, and in how many drives; empty for whole routes."""
+    scored = by_arm((row for row in rows if "points" in row), planners)
     driven = {arm: [row["points"] for row in own] for arm, own in scored.items()}
     lines = []
     for cause, told in CAUSES.items():

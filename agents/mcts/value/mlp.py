@@ -8,14 +8,25 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from dohyo.agents.mcts.config import DT, HORIZON_S, Rules
-from dohyo.agents.mcts.simulator import ACCELERATION, DEMAND, HEADING, LATERAL, OFF_ROAD, SPEED, STEERING, S
+from dohyo.agents.mcts.kernels import kernel
+from dohyo.agents.mcts.simulator import (
+    ACCELERATION,
+    DEMAND,
+    HEADING,
+    LATERAL,
+    OFF_ROAD,
+    SPEED,
+    STEERING,
+    S,
+    at_row,
+    leader,
+)
 from dohyo.agents.planning.motion import Body
-from dohyo.agents.planning.situation import Situation, at_row, leader
+from dohyo.agents.planning.situation import Situation
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -97,7 +108,7 @@ def _with_memory(weights: dict[str, FloatArray]) -> Mlp:
     return Mlp(**weights, features=np.zeros(FEATURES), hidden=np.zeros((2, WIDTH)))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def evaluate(mlp: Mlp) -> float:
     """Output of the network for the features in its memory."""
     _layer(mlp.first, mlp.first_bias, mlp.features, mlp.hidden[0])
@@ -108,7 +119,7 @@ def evaluate(mlp: Mlp) -> float:
     return float(out)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _layer(weights: FloatArray, bias: FloatArray, values: FloatArray, out: FloatArray) -> None:
     for i in range(weights.shape[0]):
         total = bias[i]
@@ -117,7 +128,7 @@ def _layer(weights: FloatArray, bias: FloatArray, values: FloatArray, out: Float
         out[i] = max(total, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def value_of(mlp: Mlp, road: Situation, car: Body, rules: Rules, state: FloatArray, time: float) -> float:
     """Return from a state to the horizon; bounded by 1 per second.
 
@@ -133,7 +144,7 @@ def value_of(mlp: Mlp, road: Situation, car: Body, rules: Rules, state: FloatArr
     return min(evaluate(mlp), rules.depth * rules.hold_steps * DT - time)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def describe(road: Situation, car: Body, rules: Rules, state: FloatArray, time: float, out: FloatArray) -> None:
     """Writes the features of a state.
 
@@ -173,6 +184,6 @@ def describe(road: Situation, car: Body, rules: Rules, state: FloatArray, time: 
     out[23] = (rules.depth * rules.hold_steps * DT - time) * min(speed / max(road.limit[row], 1.0), 1.0) / HORIZON_S
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _near(distance: float) -> float:
     return 1.0 if distance == math.inf else max(distance, 0.0) / (max(distance, 0.0) + NEAR_M)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from safetensors.torch import save_file
 
 from dohyo.agents.mcts.predictors.export import export, load_network
-from dohyo.agents.mcts.predictors.features import AGENTS, LANES, SHAPES, features
+from dohyo.agents.mcts.predictors.features import AGENTS, LANES, SHAPES, features, padded
 from dohyo.agents.mcts.predictors.learned import Learned
 from dohyo.agents.mcts.predictors.network import MotionNetwork
 from dohyo.agents.planning.scene import Scene
@@ -77,7 +77,7 @@ def test_a_scene_seen_from_elsewhere_has_the_same_futures(network, seed, dx, dy,
 
 
 def test_padding_changes_nothing(network):
-    inputs = features(busy(3))
+    inputs = padded(features(busy(3)))
     agents, lanes = int(inputs["agents_valid"].sum()), int(inputs["lanes_valid"].sum())
     short = {name: a[: lanes if name in ("points", "lanes", "lanes_valid") else agents] for name, a in inputs.items()}
     full = poses(network, inputs)
@@ -105,9 +105,12 @@ def test_a_red_light_matters(network):
     assert np.abs(poses(network, features(now)) - poses(network, features(switched))).max() > 1e-3
 
 
-def test_features_have_their_shapes_whatever_the_scene():
-    for actors, lanes in ((0, 0), (60, 90), (30, 64)):
-        inputs = features(busy(1, actors, lanes))
+def test_features_are_as_long_as_the_scene_needs_and_are_padded_to_one_size():
+    for actors, lanes in ((0, 0), (60, 90), (30, 64), (7, 20)):
+        seen = features(busy(1, actors, lanes))
+        assert {len(seen[name]) for name in ("history", "agents", "rolled")} == {min(actors, AGENTS - 1) + 1}
+        assert {len(seen[name]) for name in ("points", "lanes")} == {min(max(lanes, 1), LANES)}
+        inputs = padded(seen)
         assert {name: array.shape for name, array in inputs.items()} == SHAPES
         assert all(array.dtype == np.float32 and np.isfinite(array).all() for array in inputs.values())
         assert inputs["agents_valid"].sum() == min(actors, AGENTS - 1) + 1

@@ -1,0 +1,124 @@
+"""Study `planners`: all excerpts of val14 on which no planner was developed, each planner beside its published form.
+
+    python -m dohyo.agents.studies planners run --workers 2
+    python -m dohyo.agents.studies planners table --write
+
+The score is nuPlan's closed-loop score. Planners are developed on the odd missions of val14; these are the even ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from dohyo.agents.mcts.study.arms import THESIS
+from dohyo.agents.mcts.study.measures import EXCERPTS, of_excerpt
+from dohyo.agents.mcts.study.tables import causes_table
+from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
+from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.driving import driven
+from dohyo.agents.studies.rows import Row, by_arm
+from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.samples import Sample, scenario_of
+from dohyo.agents.studies.study import Results, Study, judging
+from dohyo.agents.studies.tables import claims_section, mean_of
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
+from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.evaluation.scores.nuplan.score import closed_loop
+from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.networks.catalog import load_network
+
+PUBLISHED: Final = MappingProxyType({"variant": "published"})
+ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
+    {
+        "mbappe": Arm("mbappe", isolates="as shipped", reported=86),
+        "mbappe-thesis": Arm("mbappe", THESIS, isolates="the thesis's planner whole", reported=86),
+        "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=92),
+        "pdm-published": Arm(
+            "pdm-closed", MappingProxyType({"variant": "published"}), isolates="as published", reported=92
+        ),
+        "pdm-hybrid": Arm("pdm-hybrid", isolates="PDM-Closed, and a learned offset after 2 s", reported=92),
+        "idm": Arm("idm", isolates="follows the lane", reported=76),
+        "autopilot": Arm("autopilot", isolates="rules of all benchmarks"),
+    }
+)
+"""Reported: the score of the theses and of Dauner et al. 2023 on nuPlan's Val14, %."""
+SAMPLE: Final = Sample("val14", remainder=0)
+CLAIMS: Final = (
+    Claim("mbappe", ">", "mbappe-thesis", "score"),
+    Claim("pdm-closed", ">", "pdm-published", "score"),
+    Claim("pdm-hybrid", "=", "pdm-closed", "score"),
+    Claim("mbappe", ">", "pdm-closed", "score"),
+    Claim("mbappe", ">", "idm", "score"),
+    Claim("pdm-closed", ">", "idm", "score"),
+)
+
+
+class Options(Config):
+    """The study has no options: the shipped planners drive."""
+
+
+def cells(options: Options) -> list[Cell]:
+    """All planners on all even excerpts."""
+    return cells_of([Block([*ARMS], (None,), SAMPLE.places())])
+
+
+def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
+    """Makes the missing logs of recorded traffic."""
+    scenarios = [scenario_of(cell) for cell in wanted]
+    prepare_logs(scenarios, load_benchmark(SAMPLE.benchmark).reference_agent, workers)
+
+
+def work(options: Options, job: Job) -> Iterator[Row]:
+    """Drives an excerpt.
+
+    Raises:
+        SimulationError: The simulation failed.
+    """
+    (cell,) = job
+    scenario = scenario_of(cell)
+    record, trajectory = driven(scenario, ARMS[cell.arm].make())
+    assert scenario.reference_m is not None, "an excerpt"
+    terms = closed_loop(record, trajectory, load_network(scenario.network), scenario.reference_m)
+    yield {"status": record.egos[0].status.value, **of_excerpt(terms, record.egos[0])}
+
+
+def scores_section(results: Results) -> str:
+    """A row per planner: the score, and what it is made of."""
+    lines = [
+        [
+            arm,
+            ARMS[arm].isolates,
+            *(mean_of(rows, arm, one) for one in EXCERPTS),
+            f"{ARMS[arm].reported or MISSING}",
+            str(len(rows)),
+        ]
+        for arm, rows in by_arm(results.kept, ARMS).items()
+    ]
+    return markdown(["planner", "", *EXCERPTS.values(), "nuPlan's Val14", "drives"], lines) if lines else ""
+
+
+def causes_section(results: Results) -> str:
+    """Points that each cause took from each planner."""
+    return causes_table(results.kept, ARMS)
+
+
+judged = judging(CLAIMS)
+STUDY: Final = Study(
+    summary="planners on all excerpts of val14 that they were not developed on",
+    room=Path(__file__).parents[1],
+    options=Options,
+    cells=cells,
+    work=work,
+    tables={
+        "planners": scores_section,
+        "planner-causes": causes_section,
+        "planner-claims": claims_section(judged, ("claim", "n")),
+    },
+    prepare=prepare,
+    judged=judged,
+    published="planners",
+)
