@@ -1,4 +1,4 @@
-"""Studies across systems: learned drivers where they never were, and planners on excerpts they were not developed on."""
+"""Studies across systems: learned drivers where they never were; planners on excerpts they were not developed on."""
 
 STUDIES = {"generalisation": "generalisation", "planners": "planners"}
 """Studies by name."""
