@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dohyo.agents.mcts.kernels import kernel
 from dohyo.agents.planning.motion import Idm, idm_acceleration
@@ -80,6 +79,26 @@ class Paths(NamedTuple):
     line: FloatArray
     lateral: FloatArray
     found: BoolArray
+
+
+class Motion(NamedTuple):
+    """What changes in a roll-out, beside the poses; all (N,).
+
+    Attributes:
+        speed: m/s.
+        before: Speed in the step before, m/s.
+        s: Arc length on the path, m.
+        turn: Angle to the path at first, rad.
+        gap: To the leader, m.
+        leader: Its row, -1 for none.
+    """
+
+    speed: FloatArray
+    before: FloatArray
+    s: FloatArray
+    turn: FloatArray
+    gap: FloatArray
+    leader: IntArray
 
 
 class IdmRollout:
@@ -155,18 +174,17 @@ def _foot(points: FloatArray, x: float, y: float) -> tuple[int, float, float, fl
     return row, share, math.copysign(math.sqrt(best), side), math.atan2(uy, ux)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _onward(now: int, points: FloatArray, following: IntArray, on_route: IntArray, ego: bool) -> int:
     """Piece after another one: the straightest, for the ego its route's; -1 at the end of the known map."""
-    last = points[now, -1] - points[now, -2]
-    before = math.atan2(last[1], last[0])
+    before = math.atan2(points[now, -1, 1] - points[now, -2, 1], points[now, -1, 0] - points[now, -2, 0])
     best, chosen = math.inf, -1
     for k in range(following.shape[1]):
         piece = following[now, k]
         if piece < 0:
             continue
-        end = points[piece, -1] - points[piece, -2]
-        cost = abs(wrap(math.atan2(end[1], end[0]) - before))
+        end = math.atan2(points[piece, -1, 1] - points[piece, -2, 1], points[piece, -1, 0] - points[piece, -2, 0])
+        cost = abs(wrap(end - before))
         if ego:
             cost -= ROUTE_BONUS * on_route[piece]
         if cost < best:
@@ -174,7 +192,7 @@ def _onward(now: int, points: FloatArray, following: IntArray, on_route: IntArra
     return chosen
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _find(
     agents: Agents,
     points: FloatArray,
@@ -209,7 +227,7 @@ def _find(
             _lay(n, piece, segment, share, points, limit, red, following, on_route, agents.fastest[n], out)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _lay(
     n: int,
     piece: int,
@@ -224,8 +242,8 @@ def _lay(
     out: Paths,
 ) -> None:
     """Writes points and speeds of a path along pieces."""
-    start = points[piece, segment] + share * (points[piece, segment + 1] - points[piece, segment])
-    x, y = start[0], start[1]
+    x = points[piece, segment, 0] + share * (points[piece, segment + 1, 0] - points[piece, segment, 0])
+    y = points[piece, segment, 1] + share * (points[piece, segment + 1, 1] - points[piece, segment, 1])
     row, left, travelled, filled = segment + 1, 0.0, 0.0, 0
     cos, sin, fast = 1.0, 0.0, limit[piece]
     while filled < PATH_POINTS:
@@ -263,21 +281,34 @@ def _lay(
         out.allowed[n, i] = min(out.allowed[n, i], reachable)
 
 
-@njit(cache=True, error_model="numpy")
 def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
     """(N, 81, 3) poses of all agents, every 0.1 s."""
+    count = len(agents.speed)
+    out, bounds = np.empty((count, STEPS, 3)), np.empty((count, 4))
+    now, moving = agents.pose.copy(), Motion(*(np.zeros(count) for _ in range(5)), np.full(count, -1))
+    _roll(model, agents, way, bounds, now, moving, out)
+    return out
+
+
+@kernel
+def _roll(
+    model: Idm, agents: Agents, way: Paths, bounds: FloatArray, now: FloatArray, moving: Motion, out: FloatArray
+) -> None:
+    """Writes the poses of all agents, every 0.1 s, and changes the present ones."""
     count = agents.speed.shape[0]
-    out = np.empty((count, STEPS, 3))
-    now, speed, s = agents.pose.copy(), agents.speed.copy(), np.zeros(count)
-    turn = np.zeros(count)
+    speed, before, s, turn, gap, leader = moving
     for n in range(count):
+        speed[n], gap[n] = agents.speed[n], math.inf
         turn[n] = wrap(now[n, 2] - way.heading[n, 0]) if way.found[n] else 0.0
-    leader, gap, bounds = np.full(count, -1), np.full(count, math.inf), _bounds(way)
+    _bound(way, bounds)
     for k in range(STEPS):
-        out[:, k] = now
+        for n in range(count):
+            out[n, k, 0], out[n, k, 1], out[n, k, 2] = now[n, 0], now[n, 1], now[n, 2]
         if k % LEADER_TICKS == 0:
             _leaders(agents, way, bounds, now, s, leader, gap)
-        before, fading = speed.copy(), math.exp(-(k + 1) * STEP_S / CENTRING_S)
+        fading = math.exp(-(k + 1) * STEP_S / CENTRING_S)
+        for n in range(count):
+            before[n] = speed[n]
         for n in range(count):
             if not way.found[n]:
                 now[n, 0] += speed[n] * STEP_S * math.cos(now[n, 2])
@@ -296,7 +327,6 @@ def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
             s[n], speed[n] = s[n] + moved, faster
             gap[n] += max(their, 0.0) * STEP_S - moved
             _place(way, n, s[n], fading * way.lateral[n], fading * turn[n], now[n])
-    return out
 
 
 @kernel
@@ -311,14 +341,15 @@ def _place(way: Paths, n: int, s: float, lateral: float, turn: float, now: Float
     now[2] = wrap(direction + turn)
 
 
-@njit(cache=True, error_model="numpy")
-def _bounds(way: Paths) -> FloatArray:
-    """(N, 4) least and greatest x, least and greatest y of every path, m."""
-    out = np.empty((way.points.shape[0], 4))
+@kernel
+def _bound(way: Paths, out: FloatArray) -> None:
+    """Writes the (N, 4) least and greatest x, least and greatest y of every path, m."""
     for n in range(out.shape[0]):
-        x, y = way.points[n, :, 0], way.points[n, :, 1]
-        out[n] = x.min(), x.max(), y.min(), y.max()
-    return out
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = math.inf, -math.inf, math.inf, -math.inf
+        for i in range(way.points.shape[1]):
+            x, y = way.points[n, i, 0], way.points[n, i, 1]
+            out[n, 0], out[n, 1] = min(out[n, 0], x), max(out[n, 1], x)
+            out[n, 2], out[n, 3] = min(out[n, 2], y), max(out[n, 3], y)
 
 
 @kernel
