@@ -285,7 +285,8 @@ def roll_out(model: Idm, agents: Agents, way: Paths) -> FloatArray:
     """(N, 81, 3) poses of all agents, every 0.1 s."""
     count = len(agents.speed)
     out, bounds = np.empty((count, STEPS, 3)), np.empty((count, 4))
-    now, moving = agents.pose.copy(), Motion(*(np.zeros(count) for _ in range(5)), np.full(count, -1))
+    speed, before, s, turn, gap = np.zeros((5, count))
+    now, moving = agents.pose.copy(), Motion(speed, before, s, turn, gap, np.full(count, -1))
     _roll(model, agents, way, bounds, now, moving, out)
     return out
 

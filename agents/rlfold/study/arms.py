@@ -16,6 +16,8 @@ from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 _ROOM: Final = Path(__file__).parents[1] / "configs"
 PICTURES, TWIN = _ROOM / "rlfold.toml", _ROOM / "twin.toml"
 _NEVER: Final = "rlfold.gate=never"
+_LAWFUL: Final = "town.obey_lights=true"
+_SCALED: Final = "latent.scaled_mixing=true"
 
 _ARMS: Final[Mapping[str, DrivingArm]] = {
     "full": DrivingArm("", PICTURES, (), Reported(100.0, 86.0, 66.0)),
@@ -31,7 +33,8 @@ _ARMS: Final[Mapping[str, DrivingArm]] = {
     "autopilot": DrivingArm("the autopilot's target speed", PICTURES, ("expert.name=autopilot",)),
     "priboot": DrivingArm("PRIBOOT's target speed", PICTURES, ("expert.name=priboot",)),
     "as-released": DrivingArm("stands at a target of 0 alone", PICTURES, ("town.stand_below=0",)),
-    "lawful": DrivingArm("lights and stop signs count", PICTURES, ("town.obey_lights=true",)),
+    "lawful": DrivingArm("lights and stop signs count", PICTURES, (_LAWFUL,)),
+    "lawful-scaled": DrivingArm("lights count, A-LIX scaled to small maps", PICTURES, (_LAWFUL, _SCALED)),
 }
 _OF_TWIN: Final = (
     "full", "no-expert", "one-deviation", "never", "share", "far-sighted", "steering", "noisy", "as-released", "lawful",
