@@ -50,7 +50,6 @@ SAMPLE: Final = Sample("val14", remainder=0)
 CLAIMS: Final = (
     Claim("mbappe", ">", "mbappe-thesis", "score"),
     Claim("pdm-closed", ">", "pdm-published", "score"),
-    Claim("pdm-hybrid", "=", "pdm-closed", "score"),
     Claim("mbappe", ">", "pdm-closed", "score"),
     Claim("mbappe", ">", "idm", "score"),
     Claim("pdm-closed", ">", "idm", "score"),

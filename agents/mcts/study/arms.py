@@ -58,12 +58,9 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
 nuPlan's Val14, %."""
 PLANNERS: Final = ("autopilot", "mbappe", "pdm-closed")
 """Planners that drive whole routes, and whose lost points are listed by cause."""
-PER_TYPE = 1
-"""Excerpts of each of the 14 types on `val14`. More are the same ones and others, so that a larger number drives only
-the others."""
 DRIVEN: Mapping[str, tuple[Sample, tuple[str, ...]]] = MappingProxyType(
     {
-        "val14": (Sample("val14", remainder=0, per_type=PER_TYPE), tuple(ARMS)),
+        "val14": (Sample("val14", remainder=0), tuple(ARMS)),
         "val14-reactive": (
             Sample("val14-reactive", remainder=0, per_type=5),
             ("autopilot", "mbappe", "idm", "pdm-closed"),
