@@ -1,12 +1,13 @@
-"""Work that the service repeats in the background, such as the removal of old records."""
+"""Work of the service in the background: what it repeats, such as the removal of old records, and how it ends."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager
+from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -38,3 +39,10 @@ async def _repeat(work: Callable[[], object], every_s: float, name: str) -> None
         except (SQLAlchemyError, OSError) as error:
             logger.warning("%s failed, trying again in %g s: %s", name, every_s, error)
         await asyncio.sleep(every_s)
+
+
+async def ended(tasks: Iterable[asyncio.Task[Any]], log: logging.Logger) -> None:
+    """Waits until tasks that were cancelled have ended; by what one fails is logged, since nobody else waits for it."""
+    for result in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(result, Exception):
+            log.error("a task failed as the service ended", exc_info=result)

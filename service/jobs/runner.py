@@ -26,6 +26,7 @@ from dohyo.service.errors import BusyError, problem_document
 from dohyo.service.jobs import queries
 from dohyo.service.jobs.kind import Kind, Made, Task
 from dohyo.service.jobs.model import Job
+from dohyo.service.periodic import ended
 from dohyo.service.scheduling.turns import Turns
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -77,7 +78,7 @@ class JobRunner:
             task.cancel()
         for work, _ in self._live.values():
             work.stop.set()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await ended(self._tasks, logger)
         if self._live:
             await asyncio.wait([doing for _, doing in self._live.values()], timeout=CLOSE_S)
         self._threads.shutdown(wait=False, cancel_futures=True)

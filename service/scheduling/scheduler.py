@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session
 
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.database.patience import PatientDatabase
+from dohyo.service.periodic import ended
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling import queue
@@ -134,7 +135,7 @@ class Scheduler:
         for task in tasks:
             if not task.cancelling():  # one that is cancelled may be returning its episode: a second time cuts that off
                 task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await ended(tasks, logger)
         await asyncio.gather(*(process.close() for process in self._idle))
         self._idle.clear()
 

@@ -25,6 +25,7 @@ from urllib.parse import urlsplit
 import httpx
 from sqlalchemy.exc import SQLAlchemyError
 
+from dohyo.service.periodic import ended
 from dohyo.service.state import Services
 from dohyo.service.webhooks import queries as webhooks
 from dohyo.service.webhooks.model import Delivery, Webhook
@@ -122,7 +123,7 @@ class Deliverer:
         tasks = [*self._under_way.values(), *([self._task] if self._task is not None else [])]
         for task in tasks:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await ended(tasks, logger)
         self._resolvers.shutdown(wait=False, cancel_futures=True)
         if self._client is not None:
             await self._client.aclose()

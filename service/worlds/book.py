@@ -18,6 +18,7 @@ from dohyo.service.database.idempotency import made_before, remember
 from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.episodes.archive import record_size
 from dohyo.service.errors import BusyError, TooManyRequestsError, UnauthorisedError
+from dohyo.service.periodic import ended
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling.dismissal import dismiss_workers
 from dohyo.service.settings import Settings
@@ -78,7 +79,7 @@ class WorldBook:
         tasks = [*self._tasks.values(), *self._always]
         for task in tasks:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await ended(tasks, logger)
 
     async def _sweep(self) -> None:
         while True:
@@ -88,7 +89,7 @@ class WorldBook:
                 world.sweep()
                 if world.begun and now - world.heard > self._settings.world_idle_s and not world.ending:
                     self.end_later(world, f"no request came for {self._settings.world_idle_s:g} s")
-            for identifier in [one for one, ended in self._over.items() if now - ended > FORGET_S]:
+            for identifier in [one for one, since in self._over.items() if now - since > FORGET_S]:
                 del self._over[identifier]
                 self._seats = {key: pair for key, pair in self._seats.items() if pair[0].id != identifier}
 
