@@ -25,6 +25,8 @@ MIDDLE = 6
 LARGEST, LARGEST_PASSING = 10, 12
 """Index of the largest acceleration allowed, 2 m/s^2 (the thesis's code gives the two above it a prior of 0); 3 m/s^2
 while the ego passes an obstacle (ours)."""
+ASIDE = 2
+"""Steps of steering to either side that keep the ego in its lane: a metre (ours)."""
 HORIZON_S = 8.0
 """Thesis: 6 to 8 s; its code: 8 s."""
 DT = 0.1
@@ -61,6 +63,10 @@ class Settings(Config):
             the brake is PDM's idea).
         caution: Actors ahead in the lane are not expected to clear it early, see `caution` (ours).
         passing: Go round what stands in the lane, along a path shifted to the side, see `detour` (ours).
+        keeps_lane: Stays within a metre of its line, unless it passes something or comes back from it. What the hardest
+            action cannot avoid it brakes for harder, instead of leaving its lane (ours).
+        room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
+            (ours).
         value: "network" ends walks early, and adds the value network's estimate (ours).
         value_depth_s: Depth at which walks then end, s.
     """
@@ -84,6 +90,8 @@ class Settings(Config):
     emergency: bool = True
     caution: bool = True
     passing: bool = True
+    keeps_lane: bool = True
+    room_for_people: bool = True
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
 
@@ -103,6 +111,7 @@ class Rules(NamedTuple):
         root_window: Index distance at the root, exclusive (the thesis's code: 5).
         node_window: Index distance below it, exclusive (the thesis's code: 3; its text: 4, so 7 x 7).
         largest: Index of the largest acceleration allowed.
+        aside: Index distance of steering to either side that is allowed.
         standing: Below this speed acceleration is unconstrained, m/s (the thesis's code gives "extra freedom").
         variance: sigma^2 of the priors (thesis: 100).
         crafted: 0 none, 1 towards the limit, 2 IDM.
@@ -136,6 +145,7 @@ class Rules(NamedTuple):
         skin_along: Distance between boxes that counts as a collision, beyond the ends of the ego's box, m (ours: 0.1,
             as forecasts are not exact; the thesis's code: 0.7).
         skin_across: Beside it, m (ours: 0.1; the thesis's code: 0.3).
+        skin_people: What the speed adds to it for people on foot, s (ours: a metre at 50 km/h).
         line_gap: Distance of the front to a closed line at a stop, m (ours).
     """
 
@@ -150,6 +160,7 @@ class Rules(NamedTuple):
     root_window: int
     node_window: int
     largest: int
+    aside: int
     standing: float
     variance: float
     crafted: int
@@ -180,6 +191,7 @@ class Rules(NamedTuple):
     braking: float
     skin_along: float
     skin_across: float
+    skin_people: float
     line_gap: float
 
 
@@ -221,6 +233,7 @@ def rules(settings: Settings) -> Rules:
         root_window=5 if settings.constraints in ("tree", "both") else FREE,
         node_window=3 if settings.constraints in ("node", "both") else FREE,
         largest=LARGEST,
+        aside=ASIDE if lane and settings.keeps_lane else MIDDLE,
         standing=0.5,
         variance=settings.prior_variance,
         crafted=crafted,
@@ -251,5 +264,6 @@ def rules(settings: Settings) -> Rules:
         braking=4.0,
         skin_along=0.1 if ours else 0.7,
         skin_across=0.1 if ours else 0.3,
+        skin_people=0.07 if settings.room_for_people else 0.0,
         line_gap=0.3,
     )

@@ -30,6 +30,7 @@ from dohyo.agents.mcts.config import (
     MAX_SPEED,
     MIDDLE,
     PERFECT_BONUS,
+    Rules,
     Settings,
     rules,
 )
@@ -74,6 +75,7 @@ class Mbappe(Agent):
                 f"got '{s.choice}' and '{s.value}'"
             )
         self.rules = rules(self.settings)
+        self._aside = self.rules.aside
         self.predictor = make_predictor(self.settings.predictor)
         self._vehicle = VehicleParameters()
         self.car = body(self._vehicle, LATERAL_LIMIT if self.settings.simulator == "ours" else LATERAL_MASK)
@@ -114,13 +116,18 @@ class Mbappe(Agent):
         scene = self.builder.update(observation)
         if self._detour is not None:
             self._detour.update(observation, scene)
-            self.rules = self.rules._replace(largest=LARGEST_PASSING if self._detour.passing else LARGEST)
+            self.rules = self._rules_of(self._detour)
         road, state, forecast = self.look(scene)
         decision = self.decide(road, state, forecast)
         demand, wheel = self._command(road, state, decision)
         # An emergency's brakes are released faster than comfort allows, down to the hardest action's.
         self._demand = demand if demand >= -HARDEST else min(demand + LET_GO, -HARDEST)
         return np.array([demand, wheel / self._vehicle.max_steering])
+
+    def _rules_of(self, detour: Detour) -> Rules:
+        """More of both actions while the ego passes something; it comes back from wherever it is."""
+        aside = MIDDLE if detour.passing or detour.returning else self._aside
+        return self.rules._replace(largest=LARGEST_PASSING if detour.passing else LARGEST, aside=aside)
 
     def look(self, scene: Scene) -> tuple[Situation, FloatArray, Forecast]:
         """Situation of a scene, the ego's state in it, and the forecast; passing as judged at the last `act`."""

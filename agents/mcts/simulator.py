@@ -32,6 +32,8 @@ STANDING, MOVING = 0.1, 2.0
 HALTING, STOPPING_S = -0.5, 0.8
 BEHIND = -0.5
 REACH_M = 4.0
+ON_FOOT_M = 0.5
+"""Half the length that no person on foot has; a situation counts cyclists as people, too."""
 
 
 @kernel
@@ -214,9 +216,10 @@ def _touched(
         if dx * cos + dy * sin < -half_length + BEHIND:
             continue
         oc, os, ol, ow = road.boxes[step, n, 2], road.boxes[step, n, 3], road.boxes[step, n, 4], road.boxes[step, n, 5]
-        if boxes_meet(
-            x, y, cos, sin, half_length + rules.skin_along, half_width + rules.skin_across, ox, oy, oc, os, ol, ow
-        ):
+        skin = rules.skin_across
+        if road.kind[n] == CLASS_PEDESTRIAN and ol < ON_FOOT_M:
+            skin += rules.skin_people * speed
+        if boxes_meet(x, y, cos, sin, half_length + rules.skin_along, half_width + skin, ox, oy, oc, os, ol, ow):
             return n
         shift = 0.5 * ahead
         across = rules.margin_people if road.kind[n] == CLASS_PEDESTRIAN else rules.margin_across

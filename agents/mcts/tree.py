@@ -331,7 +331,9 @@ def _open(tree: Tree, road: Situation, car: Body, rules: Rules, idm: Idm, belief
     a, b = tree.action[node] // ACTIONS, tree.action[node] % ACTIONS
     w = tree.window[node]
     w[0], w[1] = max(a - reach, 0), min(a + reach, rules.largest)
-    w[2], w[3] = max(b - reach, 0), min(b + reach, ACTIONS - 1)
+    right, left = MIDDLE - rules.aside, MIDDLE + rules.aside
+    b = min(max(b, right), left)
+    w[2], w[3] = max(b - reach, right), min(b + reach, left)
     if tree.state[node, SPEED] < rules.standing:
         w[0], w[1] = 0, rules.largest
     if rules.crafted:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from dohyo.agents.mcts.study.arms import THESIS
+from dohyo.agents.mcts.study.arms import BEFORE, THESIS
 from dohyo.agents.mcts.study.measures import EXCERPTS, of_excerpt
 from dohyo.agents.mcts.study.tables import causes_table
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
@@ -35,6 +35,7 @@ PUBLISHED: Final = MappingProxyType({"variant": "published"})
 ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
     {
         "mbappe": Arm("mbappe", isolates="as shipped", reported=86),
+        "mbappe-before": Arm("mbappe", BEFORE, isolates="leaves its lane, and passes people closely"),
         "mbappe-thesis": Arm("mbappe", THESIS, isolates="the thesis's planner whole", reported=86),
         "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=92),
         "pdm-published": Arm(
@@ -48,6 +49,7 @@ ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
 """Reported: the score of the theses and of Dauner et al. 2023 on nuPlan's Val14, %."""
 SAMPLE: Final = Sample("val14", remainder=0)
 CLAIMS: Final = (
+    Claim("mbappe", ">", "mbappe-before", "score"),
     Claim("mbappe", ">", "mbappe-thesis", "score"),
     Claim("pdm-closed", ">", "pdm-published", "score"),
     Claim("mbappe", ">", "pdm-closed", "score"),

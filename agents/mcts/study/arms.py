@@ -9,15 +9,19 @@ from typing import Any, Final
 from dohyo.agents.studies.arms import Arm
 from dohyo.agents.studies.samples import Sample
 
+BEFORE: Mapping[str, Any] = MappingProxyType({"keeps_lane": False, "room_for_people": False})
+"""Of all arms: the drives are stored, and older than these two settings."""
+
 
 def _mbappe(reported: float | None = None, **settings: Any) -> Arm:
-    return Arm("mbappe", MappingProxyType(settings), reported=reported)
+    return Arm("mbappe", MappingProxyType({**BEFORE, **settings}), reported=reported)
 
 
 THESIS: Mapping[str, Any] = MappingProxyType(
     {
         "crafted": "limit", "steering": "wheel", "simulator": "thesis", "walks": "node", "first_play": "zero",
         "choice": "visits", "early_stop": True, "reuse": False, "emergency": False, "caution": False, "passing": False,
+        **BEFORE,
     }
 )  # fmt: skip
 """The thesis's planner whole, see CHOICES.md: its grid, priors, reward and search, and none of our additions."""
@@ -54,8 +58,8 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "pdm-published": Arm("pdm-closed", MappingProxyType({"variant": "published"}), reported=92),
     }
 )
-"""The base is `mbappe`: both priors, both constraints, the learned predictor, 1 s hold. Reported: the thesis's score on
-nuPlan's Val14, %."""
+"""The base is `mbappe`: both priors, both constraints, the learned predictor, 1 s hold, and `BEFORE`. Reported: the
+thesis's score on nuPlan's Val14, %."""
 PLANNERS: Final = ("autopilot", "mbappe", "pdm-closed")
 """Planners that drive whole routes, and whose lost points are listed by cause."""
 DRIVEN: Mapping[str, tuple[Sample, tuple[str, ...]]] = MappingProxyType(

@@ -15,6 +15,7 @@ from dohyo.agents.planning.scene import Scene
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import Agent, Mission, make_agent
 from dohyo.evaluation.settings import SettingsError
+from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Place
 from dohyo.sumo_networks.world import LightState
@@ -22,6 +23,7 @@ from tests.agents.driving import drive, fronts, speeds, touched
 from tests.agents.mcts.roads import observation
 from tests.worlds import lit_crossing, straight_road
 
+WIDTH_M = VehicleParameters().width
 MISSION = Mission(start=Place(lane=""), goal=Place(lane=""))
 
 
@@ -61,6 +63,30 @@ def test_a_pedestrian_in_the_way_is_not_run_over() -> None:
     assert not touched(drive(made(), scene, 8.0))
 
 
+@pytest.mark.parametrize("room", [True, False])
+def test_people_are_passed_at_a_distance_that_grows_with_the_speed(room: bool) -> None:
+    scene = straight_road().with_ego(x=50.0, speed=12.0).with_pedestrian(110.0, 0.0, y=-6.3)
+    worlds = drive(made(room_for_people=room), scene, 9.0)
+    beside = [world for world in worlds if abs(float(world.egos.position[0, 0]) - 110.0) < 2.0]
+    assert beside, "it does not stand for somebody beside the road"
+    spare = [
+        abs(float(world.egos.position[0, 1]) + 6.3) - 0.5 * (WIDTH_M + 0.5) - 0.07 * float(world.egos.speed[0])
+        for world in beside
+    ]
+    assert (min(spare) > -0.05) == room
+
+
+@pytest.mark.parametrize("keeps_lane", [True, False])
+def test_it_tries_no_lines_outside_its_lane_to_avoid_what_it_can_brake_for(keeps_lane: bool) -> None:
+    planner = made(keeps_lane=keeps_lane)
+    for gap in (14.0, 13.0, 12.0, 11.0):
+        planner.act(observation([(gap + 4.6, 0.0, 0.0)], speed=10.0))
+    explained = planner.explain()
+    assert explained is not None
+    tried = max(abs(node["steering"]) for node in explained["nodes"])
+    assert tried <= 1.0 if keeps_lane else tried > 1.0
+
+
 class EverybodyStays:
     """A predictor that says that everybody stands still, and nothing of the ego."""
 
@@ -72,7 +98,7 @@ class EverybodyStays:
 @pytest.mark.parametrize("caution", [True, False])
 def test_to_a_walker_that_is_predicted_to_stand_only_the_cautious_yield(caution: bool) -> None:
     scene = straight_road().with_ego(x=50.0, speed=10.0).with_pedestrian(84.0, 2.0, y=-8.0, heading=math.pi / 2)
-    agent = made(caution=caution)
+    agent = made(caution=caution, keeps_lane=False, room_for_people=False)
     agent.predictor = EverybodyStays()
     assert bool(touched(drive(agent, scene, 6.0))) is not caution
 

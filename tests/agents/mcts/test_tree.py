@@ -51,7 +51,7 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from tests.agents.mcts.roads import ROAD_M, straight
 
 CAR = body(VehicleParameters(), LATERAL_LIMIT)
-NO_PRIOR = Settings(prior="none", predictor="constant_velocity", first_play="zero")
+NO_PRIOR = Settings(keeps_lane=False, prior="none", predictor="constant_velocity", first_play="zero")
 
 
 def state_at(speed: float, demand: float = 0.0) -> FloatArray:
@@ -208,20 +208,20 @@ def test_priors_sum_to_one_over_the_actions_allowed(prior: str) -> None:
 def test_constraints_leave_the_actions_near_the_last_and_never_the_two_largest_accelerations(
     constraints: str, root: int, below: int
 ) -> None:
-    given = rules(Settings(constraints=constraints, prior="none", predictor="constant_velocity"))
+    given = rules(Settings(constraints=constraints, prior="none", predictor="constant_velocity", keeps_lane=False))
     tree, _ = searched(straight(), given, 8.0, 1)
     sizes = [int((w[1] - w[0] + 1) * (w[3] - w[2] + 1)) for w in tree.window[:2].astype(int)]
     assert sizes == [root, below if tree.action[1] // ACTIONS in range(2, 9) else sizes[1]]
 
 
 def test_the_root_is_bound_to_the_action_executed_before() -> None:
-    given = rules(Settings(predictor="constant_velocity"))
+    given = rules(Settings(predictor="constant_velocity", keeps_lane=False))
     tree, _ = searched(straight(), given, 8.0, 1, beliefs(given.depth, last=(2, 11)))
     assert tree.window[0].tolist() == [0, 6, 7, 12]
 
 
 def test_who_stands_may_choose_any_acceleration() -> None:
-    given = rules(Settings(predictor="constant_velocity"))
+    given = rules(Settings(predictor="constant_velocity", keeps_lane=False))
     tree, _ = searched(straight(), given, 0.0, 1, beliefs(given.depth, last=(2, MIDDLE)))
     assert tree.window[0].tolist() == [0, 10, 2, 10]
 
@@ -398,3 +398,12 @@ def test_the_inner_vehicle_moves_like_the_egos() -> None:
     assert np.hypot(*(plant.states[0, :2] - state[:2])) < 0.15
     assert plant.states[0, 3] == pytest.approx(state[SPEED], abs=0.1)
     assert ROAD_M > 100.0
+
+
+def test_who_keeps_its_lane_tries_lines_within_a_metre_also_from_beyond_them() -> None:
+    given = rules(Settings(predictor="constant_velocity"))
+    tree, _ = searched(straight(), given, 8.0, 1, beliefs(given.depth, last=(MIDDLE, 11)))
+    assert tree.window[0].tolist() == [2, 10, 4, 8]
+    passing = given._replace(aside=MIDDLE)
+    tree, _ = searched(straight(), passing, 8.0, 1, beliefs(given.depth, last=(MIDDLE, 11)))
+    assert tree.window[0].tolist() == [2, 10, 7, 12]
