@@ -1,8 +1,8 @@
 """Kernels of the search: compiled without counts of references.
 
-numba counts, atomically, who refers to each array that a function is handed. Situation and tree have 33 of them, and
-counting took more than half of a search. These kernels allocate no array and keep none, so that there is nothing to
-count; numba compiles none that does.
+numba counts, atomically, who refers to each array that a function is handed. Situation, tree and beliefs have 44 of
+them, and counting took more than half of a search. These kernels allocate no array and keep none, so that there is
+nothing to count; numba compiles none that allocates.
 """
 
 from __future__ import annotations
@@ -31,6 +31,6 @@ def inlined(function: F) -> F:
 
 
 def uncounted(function: F) -> F:
-    """The kernel of another package, compiled so as part of those that call it."""
+    """The kernel of another package, compiled in the same way as part of those that call it."""
     compiled: F = njit(**_OPTIONS)(function.py_func)  # type: ignore[attr-defined]
     return compiled

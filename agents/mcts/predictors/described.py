@@ -1,7 +1,7 @@
 """What the network is told of the features: every polyline in its own frame, and all pairs in that of their agent.
 
-The same as `network.described`, of one scene and in numba: in ONNX Runtime these many small steps on large arrays took
-longer than the network itself.
+The same as `MotionNetwork.forward` works out before `futures`, of one scene and in numba: in ONNX Runtime these many
+small steps on large arrays took longer than the network itself.
 """
 
 from __future__ import annotations
