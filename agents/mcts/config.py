@@ -25,8 +25,9 @@ MIDDLE = 6
 LARGEST, LARGEST_PASSING = 10, 12
 """Index of the largest acceleration allowed, 2 m/s^2 (the thesis's code gives the two above it a prior of 0); 3 m/s^2
 while the ego passes an obstacle (ours)."""
-ASIDE = 2
-"""Steps of steering to either side that keep the ego in its lane: a metre (ours)."""
+ASIDE, SWERVING_M_S = 2, 5.0
+"""Steps of steering to either side that keep the ego in its lane, a metre; and the speed from which it keeps it (ours):
+more slowly the hardest action stops in time, and what stands half in the lane can be gone round."""
 HORIZON_S = 8.0
 """Thesis: 6 to 8 s; its code: 8 s."""
 DT = 0.1
@@ -63,8 +64,8 @@ class Settings(Config):
             the brake is PDM's idea).
         caution: Actors ahead in the lane are not expected to clear it early, see `caution` (ours).
         passing: Go round what stands in the lane, along a path shifted to the side, see `detour` (ours).
-        keeps_lane: Stays within a metre of its line, unless it passes something or comes back from it. What the hardest
-            action cannot avoid it brakes for harder, instead of leaving its lane (ours).
+        keeps_lane: Stays within a metre of its line at 5 m/s or more, unless it passes something or comes back from it.
+            What the hardest action cannot avoid it brakes for harder, instead of leaving its lane (ours).
         room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
             (ours).
         value: "network" ends walks early, and adds the value network's estimate (ours).

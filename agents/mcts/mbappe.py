@@ -30,6 +30,7 @@ from dohyo.agents.mcts.config import (
     MAX_SPEED,
     MIDDLE,
     PERFECT_BONUS,
+    SWERVING_M_S,
     Rules,
     Settings,
     rules,
@@ -116,7 +117,7 @@ class Mbappe(Agent):
         scene = self.builder.update(observation)
         if self._detour is not None:
             self._detour.update(observation, scene)
-            self.rules = self._rules_of(self._detour)
+            self.rules = self._rules_of(self._detour, scene.ego.speed)
         road, state, forecast = self.look(scene)
         decision = self.decide(road, state, forecast)
         demand, wheel = self._command(road, state, decision)
@@ -124,9 +125,10 @@ class Mbappe(Agent):
         self._demand = demand if demand >= -HARDEST else min(demand + LET_GO, -HARDEST)
         return np.array([demand, wheel / self._vehicle.max_steering])
 
-    def _rules_of(self, detour: Detour) -> Rules:
-        """More of both actions while the ego passes something; it comes back from wherever it is."""
-        aside = MIDDLE if detour.passing or detour.returning else self._aside
+    def _rules_of(self, detour: Detour, speed: float) -> Rules:
+        """More of both actions while the ego passes something; slowly, or on its way back, it may leave its lane."""
+        free = detour.passing or detour.returning or speed < SWERVING_M_S
+        aside = MIDDLE if free else self._aside
         return self.rules._replace(largest=LARGEST_PASSING if detour.passing else LARGEST, aside=aside)
 
     def look(self, scene: Scene) -> tuple[Situation, FloatArray, Forecast]:
