@@ -135,7 +135,7 @@ def test_a_constant_value_changes_no_plan_but_shifts_what_it_is_worth() -> None:
 
 
 def test_walks_end_where_the_network_is_asked_or_where_they_fail() -> None:
-    tree = searched(straight(cars=[(14.0, 0.0, 0.0)]), TO_4_S, random_network())
+    tree = searched(straight(cars=[(24.0, 0.0, 0.0)]), TO_4_S, random_network())
     used = slice(1, int(tree.numbers[NODES]))
     depth, failed, beyond = tree.depth[used], tree.outcome[used] == FAILED, tree.beyond[used]
     assert depth.max() == 4
