@@ -18,18 +18,14 @@ from dohyo.agents.mcts.study.measures import EXCERPTS, of_excerpt
 from dohyo.agents.mcts.study.tables import causes_table
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.claims import Claim
-from dohyo.agents.studies.driving import driven
+from dohyo.agents.studies.excerpts import prepare_excerpts, scored_excerpt
 from dohyo.agents.studies.rows import Row, by_arm
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.samples import Sample, scenario_of
+from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results, Study, judging
 from dohyo.agents.studies.tables import claims_section, mean_of
-from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.report.style import MISSING, markdown
-from dohyo.evaluation.scores.nuplan.score import closed_loop
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.networks.catalog import load_network
 
 PUBLISHED: Final = MappingProxyType({"variant": "published"})
 ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
@@ -38,9 +34,7 @@ ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
         "mbappe-before": Arm("mbappe", BEFORE, isolates="leaves its lane, and passes people closely"),
         "mbappe-thesis": Arm("mbappe", THESIS, isolates="the thesis's planner whole", reported=86),
         "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=92),
-        "pdm-published": Arm(
-            "pdm-closed", MappingProxyType({"variant": "published"}), isolates="as published", reported=92
-        ),
+        "pdm-published": Arm("pdm-closed", PUBLISHED, isolates="as published", reported=92),
         "pdm-hybrid": Arm("pdm-hybrid", isolates="PDM-Closed, and a learned offset after 2 s", reported=92),
         "idm": Arm("idm", isolates="follows the lane", reported=76),
         "autopilot": Arm("autopilot", isolates="rules of all benchmarks"),
@@ -69,8 +63,7 @@ def cells(options: Options) -> list[Cell]:
 
 def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
     """Makes the missing logs of recorded traffic."""
-    scenarios = [scenario_of(cell) for cell in wanted]
-    prepare_logs(scenarios, load_benchmark(SAMPLE.benchmark).reference_agent, workers)
+    prepare_excerpts(wanted, workers)
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
@@ -80,11 +73,8 @@ def work(options: Options, job: Job) -> Iterator[Row]:
         SimulationError: The simulation failed.
     """
     (cell,) = job
-    scenario = scenario_of(cell)
-    record, trajectory = driven(scenario, ARMS[cell.arm].make())
-    assert scenario.reference_m is not None, "an excerpt"
-    terms = closed_loop(record, trajectory, load_network(scenario.network), scenario.reference_m)
-    yield {"status": record.egos[0].status.value, **of_excerpt(terms, record.egos[0])}
+    ego, terms = scored_excerpt(cell, ARMS[cell.arm].make())
+    yield {"status": ego.status.value, **of_excerpt(terms, ego)}
 
 
 def scores_section(results: Results) -> str:

@@ -17,12 +17,11 @@ from dohyo.agents.mcts.study.measures import of_excerpt, of_route
 from dohyo.agents.mcts.study.tables import judged, section
 from dohyo.agents.studies.arms import Block, Cell, cells_of
 from dohyo.agents.studies.driving import driven
+from dohyo.agents.studies.excerpts import prepare_excerpts
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import scenario_of
 from dohyo.agents.studies.study import Study
-from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.scores.nuplan.score import closed_loop
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -48,9 +47,7 @@ def cells(options: Options) -> list[Cell]:
 
 def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
     """Makes the missing logs of recorded traffic."""
-    for name in dict.fromkeys(cell.benchmark for cell in wanted):
-        scenarios = [scenario_of(cell) for cell in wanted if cell.benchmark == name]
-        prepare_logs(scenarios, load_benchmark(name).reference_agent, workers)
+    prepare_excerpts(wanted, workers)
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:

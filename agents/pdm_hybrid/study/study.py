@@ -30,19 +30,15 @@ from dohyo.agents.pdm_hybrid.study.plans_judged import Plan, constant_velocity, 
 from dohyo.agents.pdm_hybrid.training import OFFSET, OffsetConfig, samples_of
 from dohyo.agents.studies.arms import TRAININGS, Block, Cell, Place, cells_of
 from dohyo.agents.studies.claims import Claim
-from dohyo.agents.studies.driving import driven
+from dohyo.agents.studies.excerpts import prepare_excerpts, scored_excerpt
 from dohyo.agents.studies.rows import Row, by_place
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.samples import Sample, scenario_of
+from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results, Study, judging
 from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.agents.studies.trained import TrainedOptions
 from dohyo.evaluation.agent import Agent
-from dohyo.evaluation.benchmarks.benchmark import load_benchmark
-from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.report.style import markdown
-from dohyo.evaluation.scores.nuplan.score import closed_loop
-from dohyo.sumo_networks.networks.catalog import load_network
 
 PLANS: Final = "plans"
 """Benchmark of the rows of held-out plans."""
@@ -116,9 +112,7 @@ def cells(options: Options) -> list[Cell]:
 
 def prepare(options: Options, wanted: Sequence[Cell], workers: int) -> None:
     """Makes the missing logs of recorded traffic."""
-    scenarios = [scenario_of(cell) for cell in wanted if cell.benchmark != PLANS]
-    if scenarios:
-        prepare_logs(scenarios, load_benchmark(EXCERPTS.benchmark).reference_agent, workers)
+    prepare_excerpts([cell for cell in wanted if cell.benchmark != PLANS], workers)
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
@@ -170,12 +164,8 @@ def _agent(arm: PlanArm, policy: Path | None) -> Agent:
 
 
 def _driven(cell: Cell, agent: Agent) -> Row:
-    scenario = scenario_of(cell)
-    record, trajectory = driven(scenario, agent)
-    assert scenario.reference_m is not None, "an excerpt"
-    terms = closed_loop(record, trajectory, load_network(scenario.network), scenario.reference_m)
-    collided = 100.0 * (terms.no_collision < 1.0)
-    return {"status": record.egos[0].status.value, "score": terms.score, "collisions": collided}
+    ego, terms = scored_excerpt(cell, agent)
+    return {"status": ego.status.value, "score": terms.score, "collisions": 100.0 * (terms.no_collision < 1.0)}
 
 
 def arms_table(results: Results) -> str:

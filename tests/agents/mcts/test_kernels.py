@@ -13,6 +13,7 @@ from dohyo.agents.mcts import simulator, tree
 from dohyo.agents.mcts.kernels import kernel
 from dohyo.agents.mcts.predictors import described, idm
 from dohyo.agents.mcts.value import mlp
+from dohyo.agents.planning import motion
 
 
 def own_kernels(module: ModuleType) -> dict[str, CPUDispatcher]:
@@ -28,8 +29,6 @@ def test_no_kernel_of_the_search_counts_references(module: ModuleType) -> None:
 
 def test_what_a_kernel_of_another_package_computes_stays_the_same() -> None:
     path = np.column_stack([np.arange(9.0), np.zeros(9), np.ones(9), np.zeros(9)])
-    from dohyo.agents.planning import motion
-
     assert simulator.project(path, 0.0, 1.0, 3.3, 0.7, 3.0, 2.0) == motion.project(path, 0.0, 1.0, 3.3, 0.7, 3.0, 2.0)
 
 
