@@ -18,7 +18,7 @@ from dohyo.agents.mcts.study.measures import EXCERPTS, of_excerpt
 from dohyo.agents.mcts.study.tables import causes_table
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.claims import Claim
-from dohyo.agents.studies.excerpts import prepare_excerpts, scored_excerpt
+from dohyo.agents.studies.driving import prepare_excerpts, scored_excerpt
 from dohyo.agents.studies.rows import Row, by_arm
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample

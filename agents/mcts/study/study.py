@@ -16,8 +16,7 @@ from dohyo.agents.mcts.study.arms import ARMS, DRIVEN
 from dohyo.agents.mcts.study.measures import of_excerpt, of_route
 from dohyo.agents.mcts.study.tables import judged, section
 from dohyo.agents.studies.arms import Block, Cell, cells_of
-from dohyo.agents.studies.driving import driven
-from dohyo.agents.studies.excerpts import prepare_excerpts
+from dohyo.agents.studies.driving import driven, prepare_excerpts
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import scenario_of

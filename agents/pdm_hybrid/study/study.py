@@ -30,7 +30,7 @@ from dohyo.agents.pdm_hybrid.study.plans_judged import Plan, constant_velocity, 
 from dohyo.agents.pdm_hybrid.training import OFFSET, OffsetConfig, samples_of
 from dohyo.agents.studies.arms import TRAININGS, Block, Cell, Place, cells_of
 from dohyo.agents.studies.claims import Claim
-from dohyo.agents.studies.excerpts import prepare_excerpts, scored_excerpt
+from dohyo.agents.studies.driving import prepare_excerpts, scored_excerpt
 from dohyo.agents.studies.rows import Row, by_place
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample
