@@ -68,6 +68,8 @@ class Settings(Config):
             What the hardest action cannot avoid it brakes for harder, instead of leaving its lane (ours).
         room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
             (ours).
+        looks_ahead: To be about to meet somebody within 1.3 s, if both keep speed and heading, costs 10 per second (ours;
+            nuPlan's score asks for 0.95 s).
         value: "network" ends walks early, and adds the value network's estimate (ours).
         value_depth_s: Depth at which walks then end, s.
     """
@@ -93,6 +95,7 @@ class Settings(Config):
     passing: bool = True
     keeps_lane: bool = True
     room_for_people: bool = True
+    looks_ahead: bool = True
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
 
@@ -125,6 +128,7 @@ class Rules(NamedTuple):
         penalty_object: With an object (thesis).
         penalty_margin: An actor within the margins (the thesis's code).
         penalty_gap: Per second, times the share of the safe distance to the leader that is missing (ours).
+        penalty_meeting: Per second in which the ego is about to meet somebody, see `meeting_s` (ours).
         forfeit: Per second left to the horizon after a failure, which ends a walk (ours; thesis: none).
         penalty_route: Not on the route's roads (thesis).
         penalty_road: Off the drivable area (thesis).
@@ -147,6 +151,7 @@ class Rules(NamedTuple):
             as forecasts are not exact; the thesis's code: 0.7).
         skin_across: Beside it, m (ours: 0.1; the thesis's code: 0.3).
         skin_people: What the speed adds to it for people on foot, s (ours: a metre at 50 km/h).
+        meeting_s: Time within which an actor ahead that keeps speed and heading is about to be met; 0: no such cost.
         line_gap: Distance of the front to a closed line at a stop, m (ours).
     """
 
@@ -174,6 +179,7 @@ class Rules(NamedTuple):
     penalty_object: float
     penalty_margin: float
     penalty_gap: float
+    penalty_meeting: float
     forfeit: float
     penalty_route: float
     penalty_road: float
@@ -193,6 +199,7 @@ class Rules(NamedTuple):
     skin_along: float
     skin_across: float
     skin_people: float
+    meeting_s: float
     line_gap: float
 
 
@@ -247,6 +254,7 @@ def rules(settings: Settings) -> Rules:
         penalty_object=-2.0,
         penalty_margin=-0.5,
         penalty_gap=-3.0 if ours else 0.0,
+        penalty_meeting=-10.0,
         forfeit=-1.0 if ours else 0.0,
         penalty_route=-0.5,
         penalty_road=-1.0,
@@ -266,5 +274,6 @@ def rules(settings: Settings) -> Rules:
         skin_along=0.1 if ours else 0.7,
         skin_across=0.1 if ours else 0.3,
         skin_people=0.07 if settings.room_for_people else 0.0,
+        meeting_s=1.3 if ours and settings.looks_ahead else 0.0,
         line_gap=0.3,
     )

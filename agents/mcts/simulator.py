@@ -24,14 +24,19 @@ STATE = 10
 """Rear axle x, y [m], heading [rad], speed [m/s], acceleration [m/s^2], wheel angle [rad], demanded acceleration
 [m/s^2], arc length and lateral distance of the box centre on the path [m], 1 while it began off the road and is still
 there."""
-PROGRESS, COLLISION, MARGIN, ROUTE, ROAD, LINE, HEADING_TERM, CENTRING, COMFORT, GAP = range(10)
-TERMS = 10
-TERM_NAMES = ("progress", "collision", "margin", "route", "road", "line", "heading", "centring", "comfort", "gap")
+PROGRESS, COLLISION, MARGIN, ROUTE, ROAD, LINE, HEADING_TERM, CENTRING, COMFORT, GAP, MEETING = range(11)
+TERMS = 11
+TERM_NAMES = (
+    "progress", "collision", "margin", "route", "road", "line", "heading", "centring", "comfort", "gap", "meeting"
+)  # fmt: skip
 ALIVE, FAILED = 0, 1
 STANDING, MOVING = 0.1, 2.0
 HALTING, STOPPING_S = -0.5, 0.8
 BEHIND = -0.5
 REACH_M = 4.0
+MEETING_EVERY, MEETING_STEPS, MEETING_OVER = 2, 3, 5
+"""Steps of 0.1 s between two looks for meetings; instants that each looks at; steps over which others' motion is taken.
+"""
 ON_FOOT_M = 0.5
 """Half the length that no person on foot has; a situation counts cyclists as people, too."""
 
@@ -86,7 +91,7 @@ def advance(
         accelerate: Index of the acceleration.
         steer: Index of the steering.
         before: Index of the acceleration before it.
-        terms: (10,) where the terms of the reward are written.
+        terms: (11,) where the terms of the reward are written.
 
     Returns:
         FAILED after a collision, off the road or beyond a closed line; else ALIVE.
@@ -122,6 +127,9 @@ def advance(
         if behind_line and s + front > road.line:
             terms[LINE] = rules.penalty_line + lost
             return FAILED
+        if rules.meeting_s > 0.0 and (step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING:
+            if _meets(road, car, rules, x, y, cos, sin, state[SPEED], first + step + 1):
+                terms[MEETING] += rules.penalty_meeting * MEETING_EVERY * DT
         # Corners are looked up every half second and at the end: a lane's edge is not left and regained in between.
         if (step + 1) % 5 == 0 or step + 1 == rules.hold_steps:
             flags = box_on_grid(road.grid, x, y, cos, sin, 0.5 * car.length, 0.5 * car.width)
@@ -229,6 +237,34 @@ def _touched(
         ):  # fmt: skip
             near = True
     return -2 if near else -1
+
+
+@kernel
+def _meets(
+    road: Situation, car: Body, rules: Rules, x: float, y: float, cos: float, sin: float, speed: float, step: int
+) -> bool:
+    """Whether the ego meets an actor that is not behind it within `meeting_s`, if both keep speed and heading."""
+    half_length, half_width = 0.5 * car.length, 0.5 * car.width
+    radius = math.hypot(half_length, half_width)
+    now = min(step, road.boxes.shape[0] - 1)
+    before = max(now - MEETING_OVER, 0)
+    scale = rules.meeting_s / ((now - before) * DT)
+    for n in range(road.boxes.shape[1]):
+        ox, oy = road.boxes[now, n, 0], road.boxes[now, n, 1]
+        dx, dy = ox - x, oy - y
+        if dx * cos + dy * sin < 0.0:
+            continue
+        rx = (ox - road.boxes[before, n, 0]) * scale - speed * rules.meeting_s * cos
+        ry = (oy - road.boxes[before, n, 1]) * scale - speed * rules.meeting_s * sin
+        far = radius + road.reach[n] + math.hypot(rx, ry)
+        if dx * dx + dy * dy > far * far:
+            continue
+        oc, os, ol, ow = road.boxes[now, n, 2], road.boxes[now, n, 3], road.boxes[now, n, 4], road.boxes[now, n, 5]
+        for k in range(1, MEETING_STEPS + 1):
+            mx, my = ox + rx * k / MEETING_STEPS, oy + ry * k / MEETING_STEPS
+            if boxes_meet(x, y, cos, sin, half_length, half_width, mx, my, oc, os, ol, ow):
+                return True
+    return False
 
 
 @kernel

@@ -99,7 +99,7 @@ class EverybodyStays:
 @pytest.mark.parametrize("caution", [True, False])
 def test_to_a_walker_that_is_predicted_to_stand_only_the_cautious_yield(caution: bool) -> None:
     scene = straight_road().with_ego(x=50.0, speed=10.0).with_pedestrian(84.0, 2.0, y=-8.0, heading=math.pi / 2)
-    agent = made(caution=caution, keeps_lane=False, room_for_people=False)
+    agent = made(caution=caution, keeps_lane=False, room_for_people=False, looks_ahead=False)
     agent.predictor = EverybodyStays()
     assert bool(touched(drive(agent, scene, 6.0))) is not caution
 

@@ -20,6 +20,7 @@ from dohyo.agents.mcts.simulator import (
     FAILED,
     GAP,
     LINE,
+    MEETING,
     PROGRESS,
     ROAD,
     SPEED,
@@ -336,6 +337,28 @@ def test_the_safe_distance_is_missed_in_proportion() -> None:
     assert gap(60.0, 0.0) == 0.0
     assert gap(20.0, 8.0) == 0.0
     assert -3.0 < gap(16.0, 0.0) < gap(20.0, 0.0) < 0.0
+
+
+@pytest.mark.parametrize(
+    ("car", "cost"),
+    [
+        ((30.0, 0.0, 0.0), 0.0),  # 25.25 m between the two, 17.25 m after the second
+        ((20.0, 0.0, 0.0), -4.0),  # 15.25 m, and from 0.61 s on less than the 10.4 m of 1.3 s: two of the five looks
+        ((16.0, 0.0, 0.0), -10.0),  # 11.25 m: all five
+        ((20.0, 0.0, 8.0), 0.0),  # as fast as the ego
+        ((20.0, 3.0, 0.0), 0.0),  # beside its way
+        ((-20.0, 0.0, 13.0), 0.0),  # behind it
+    ],
+)
+def test_to_be_about_to_meet_somebody_costs(car: tuple[float, float, float], cost: float) -> None:
+    assert held(straight(cars=[car]), 8.0, MIDDLE)[2][MEETING] == pytest.approx(cost)
+
+
+def test_who_does_not_look_ahead_and_the_thesis_take_no_notice_of_it() -> None:
+    for given in (Settings(predictor="constant_velocity", looks_ahead=False), THESIS):
+        terms = np.zeros(TERMS)
+        advance(straight(cars=[(16.0, 0.0, 0.0)]), CAR, rules(given), state_at(8.0), 0, MIDDLE, MIDDLE, MIDDLE, terms)
+        assert terms[MEETING] == 0.0
 
 
 # The thesis's simulator and search
