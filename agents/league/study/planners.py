@@ -28,10 +28,12 @@ from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.sumo_networks.config import Config
 
 PUBLISHED: Final = MappingProxyType({"variant": "published"})
+NO_LOOK: Final = MappingProxyType({"looks_ahead": False})
 ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
     {
         "mbappe": Arm("mbappe", isolates="as shipped", reported=86),
-        "mbappe-before": Arm("mbappe", BEFORE, isolates="leaves its lane, and passes people closely"),
+        "mbappe-no-look": Arm("mbappe", NO_LOOK, isolates="does not look ahead"),
+        "mbappe-before": Arm("mbappe", BEFORE, isolates="nor keeps its lane, nor leaves room to people"),
         "mbappe-thesis": Arm("mbappe", THESIS, isolates="the thesis's planner whole", reported=86),
         "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=92),
         "pdm-published": Arm("pdm-closed", PUBLISHED, isolates="as published", reported=92),
@@ -43,7 +45,8 @@ ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
 """Reported: the score of the theses and of Dauner et al. 2023 on nuPlan's Val14, %."""
 SAMPLE: Final = Sample("val14", remainder=0)
 CLAIMS: Final = (
-    Claim("mbappe", ">", "mbappe-before", "score"),
+    Claim("mbappe", ">", "mbappe-no-look", "score"),
+    Claim("mbappe-no-look", ">", "mbappe-before", "score"),
     Claim("mbappe", ">", "mbappe-thesis", "score"),
     Claim("pdm-closed", ">", "pdm-published", "score"),
     Claim("mbappe", ">", "pdm-closed", "score"),

@@ -43,7 +43,9 @@ class Options(Config):
 def cells(options: Options) -> list[Cell]:
     """Every algorithm of both libraries on its environments."""
     return cells_of(
-        Block([f"{algorithm}, {library}" for library in LIBRARIES], range(match.trainings), [Place(env, "held-out", None)])
+        Block(
+            [f"{algorithm}, {library}" for library in LIBRARIES], range(match.trainings), [Place(env, "held-out", None)]
+        )
         for (env, algorithm), match in MATCHES.items()
     )
 
