@@ -68,8 +68,8 @@ class Settings(Config):
             What the hardest action cannot avoid it brakes for harder, instead of leaving its lane (ours).
         room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
             (ours).
-        looks_ahead: To be about to meet somebody within 1.3 s, if both keep speed and heading, costs 10 per second (ours;
-            nuPlan's score asks for 0.95 s).
+        looks_ahead: To be about to meet somebody within 1.3 s, if both keep speed and heading, costs 10 per second
+            (ours; nuPlan's score asks for 0.95 s).
         value: "network" ends walks early, and adds the value network's estimate (ours).
         value_depth_s: Depth at which walks then end, s.
     """

@@ -127,9 +127,9 @@ def advance(
         if behind_line and s + front > road.line:
             terms[LINE] = rules.penalty_line + lost
             return FAILED
-        if rules.meeting_s > 0.0 and (step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING:
-            if _meets(road, car, rules, x, y, cos, sin, state[SPEED], first + step + 1):
-                terms[MEETING] += rules.penalty_meeting * MEETING_EVERY * DT
+        looks = rules.meeting_s > 0.0 and (step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING
+        if looks and _meets(road, car, rules, x, y, cos, sin, state[SPEED], first + step + 1):
+            terms[MEETING] += rules.penalty_meeting * MEETING_EVERY * DT
         # Corners are looked up every half second and at the end: a lane's edge is not left and regained in between.
         if (step + 1) % 5 == 0 or step + 1 == rules.hold_steps:
             flags = box_on_grid(road.grid, x, y, cos, sin, 0.5 * car.length, 0.5 * car.width)

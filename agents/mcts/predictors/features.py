@@ -40,6 +40,7 @@ rolled: x, y [m], heading [rad] in 0.5, 1.0, ..., 8 s by the IDM roll-out, which
 points: the lanes nearest to the ego, pieces of at most 40 m, in driving direction [m].
 lanes: width [2 m], limit [10 m/s], road, junction, crossing, the route's lane, beside the route's lane, red.
 """
+
 _BASE = IdmRollout()
 
 

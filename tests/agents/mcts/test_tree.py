@@ -355,9 +355,9 @@ def test_to_be_about_to_meet_somebody_costs(car: tuple[float, float, float], cos
 
 
 def test_who_does_not_look_ahead_and_the_thesis_take_no_notice_of_it() -> None:
-    for given in (Settings(predictor="constant_velocity", looks_ahead=False), THESIS):
+    for one in (Settings(predictor="constant_velocity", looks_ahead=False), THESIS):
         terms = np.zeros(TERMS)
-        advance(straight(cars=[(16.0, 0.0, 0.0)]), CAR, rules(given), state_at(8.0), 0, MIDDLE, MIDDLE, MIDDLE, terms)
+        advance(straight([(16.0, 0.0, 0.0)]), CAR, rules(one), state_at(8.0), 0, MIDDLE, MIDDLE, MIDDLE, terms)
         assert terms[MEETING] == 0.0
 
 
