@@ -104,6 +104,13 @@ def test_to_a_walker_that_is_predicted_to_stand_only_the_cautious_yield(caution:
     assert bool(touched(drive(agent, scene, 6.0))) is not caution
 
 
+def test_who_looks_ahead_keeps_off_a_walker_that_is_predicted_to_stand() -> None:
+    scene = straight_road().with_ego(x=50.0, speed=10.0).with_pedestrian(84.0, 2.0, y=-8.0, heading=math.pi / 2)
+    agent = made(caution=False, keeps_lane=False, room_for_people=False, looks_ahead=True)
+    agent.predictor = EverybodyStays()
+    assert not touched(drive(agent, scene, 6.0))
+
+
 @pytest.mark.parametrize("planner", PLANNERS)
 @pytest.mark.parametrize(
     "start",
