@@ -22,17 +22,24 @@ def export_exact(policy: Exportable, space: Dict, path: Path, facts: Mapping[str
 
     Discrete policies are exported as they are: the best action is the best on every processor.
     """
-    export(policy, space, path, facts)
     module = cast(nn.Module, policy)
     zeros = {name: torch.zeros(1, *box.shape or (), dtype=_type_of(box)) for name, box in space.spaces.items()}
     with torch.no_grad():
         continuous = deepcopy(module).cpu().eval()(zeros).is_floating_point()
     if continuous:
-        with TemporaryDirectory() as folder:
-            made = Path(folder) / path.name
-            export(ExactPolicy(module), space, made, facts)
-            model = f"{path.name}.onnx"
-            write_atomically(path.with_name(model), made.with_name(model).read_bytes())
+        export_running(policy, ExactPolicy(module), space, path, facts)
+    else:
+        export(policy, space, path, facts)
+
+
+def export_running(policy: Exportable, runs: Exportable, space: Dict, path: Path, facts: Mapping[str, str]) -> None:
+    """As `export`, with the weights of a policy as it is trained, and an ONNX model of what computes it."""
+    export(policy, space, path, facts)
+    with TemporaryDirectory() as folder:
+        made = Path(folder) / path.name
+        export(runs, space, made, facts)
+        model = f"{path.name}.onnx"
+        write_atomically(path.with_name(model), made.with_name(model).read_bytes())
 
 
 class ExactPolicy(nn.Module):
@@ -48,7 +55,7 @@ class ExactPolicy(nn.Module):
             policy: See `export.Exportable`; its convolutions have neither groups nor dilation.
         """
         super().__init__()
-        self.policy = _of_doubles(deepcopy(policy).cpu().double().eval())
+        self.policy = of_doubles(policy)
 
     def facts(self) -> Mapping[str, str]:
         """See `export.Exportable`."""
@@ -95,11 +102,32 @@ class _Products(nn.Module):
         return out if self.flat else out.reshape(-1, len(kernel), height, width)
 
 
-def _of_doubles(module: nn.Module) -> nn.Module:
+class _Normalisation(nn.Module):
+    """A layer normalisation of vectors in plain operations: ONNX Runtime's keeps its moments in single precision."""
+
+    def __init__(self, layer: nn.LayerNorm) -> None:
+        super().__init__()
+        self.weight, self.bias, self.epsilon = layer.weight, layer.bias, layer.eps
+
+    def forward(self, vectors: Tensor) -> Tensor:
+        """As the normalisation."""
+        apart = vectors - vectors.mean(-1, keepdim=True)
+        spread = torch.sqrt((apart * apart).mean(-1, keepdim=True) + self.epsilon)
+        out: Tensor = apart / spread * self.weight + self.bias
+        return out
+
+
+def of_doubles(module: nn.Module) -> nn.Module:
+    """A copy in double precision, for evaluation on the processor, with convolutions that ONNX Runtime has."""
+    return _with_products(deepcopy(module).cpu().double().eval())
+
+
+def _with_products(module: nn.Module) -> nn.Module:
     """The module with its convolutions as products; every layer with weights takes doubles."""
     for name, child in module.named_children():
         plain = isinstance(child, nn.Conv1d | nn.Conv2d) and child.groups == 1 and set(child.dilation) == {1}
-        setattr(module, name, _of_doubles(_Products(child) if plain else child))  # type: ignore[arg-type]
+        replaced = _Products(child) if plain else child  # type: ignore[arg-type]
+        setattr(module, name, _Normalisation(child) if isinstance(child, nn.LayerNorm) else _with_products(replaced))
     if any(True for _ in module.parameters(recurse=False)):
         module.register_forward_pre_hook(_double)
     return module

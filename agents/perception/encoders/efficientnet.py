@@ -84,7 +84,7 @@ class EfficientNetLite0(Encoder):
             raise InvalidInputError(f"EfficientNet-Lite0: expected pictures of 3 channels, got {shape}")
         super().__init__(shape, HEAD if output == "features" else CLASSES)
         widths = (STEM, *(stage.filters for stage in STAGES))
-        self.stem = _Convolution(3, STEM, 3, stride=2)
+        self.stem = Convolution(3, STEM, 3, stride=2)
         self.blocks = nn.Sequential(
             *(
                 _Block(before if first else after, after, stage, stage.stride if first else 1)
@@ -92,7 +92,7 @@ class EfficientNetLite0(Encoder):
                 for first in (True, *(False,) * (stage.blocks - 1))
             )
         )
-        self.head = _Convolution(widths[-1], HEAD, 1)
+        self.head = Convolution(widths[-1], HEAD, 1)
         self.classifier = nn.Linear(HEAD, CLASSES) if output == "logits" else nn.Identity()
         if weights == "imagenet":
             self._load()
@@ -131,7 +131,13 @@ def imagenet_weights() -> dict[str, Tensor]:
     return dict(torch.load(io.BytesIO(content), map_location="cpu", weights_only=True))
 
 
-class _Convolution(nn.Module):
+def same_padded(maps: Tensor, kernel: int, stride: int) -> Tensor:
+    """(B, C, H, W) with the zeros around it that TensorFlow's padding "SAME" adds."""
+    down, right = (max((-(-side // stride) - 1) * stride + kernel - side, 0) for side in maps.shape[2:])
+    return pad(maps, (right // 2, right - right // 2, down // 2, down - down // 2))
+
+
+class Convolution(nn.Module):
     """Convolution with TensorFlow's padding "SAME", batch normalisation and, where it is not linear, ReLU6."""
 
     def __init__(
@@ -143,9 +149,8 @@ class _Convolution(nn.Module):
         self.activation: nn.Module = nn.Identity() if linear else nn.ReLU6()
 
     def forward(self, maps: Tensor) -> Tensor:
-        kernel, stride = self.convolution.kernel_size[0], self.convolution.stride[0]
-        down, right = (max((-(-side // stride) - 1) * stride + kernel - side, 0) for side in maps.shape[2:])
-        padded = pad(maps, (right // 2, right - right // 2, down // 2, down - down // 2))
+        """(B, C, H, W) to such of another size."""
+        padded = same_padded(maps, self.convolution.kernel_size[0], self.convolution.stride[0])
         out: Tensor = self.activation(self.norm(self.convolution(padded)))
         return out
 
@@ -156,9 +161,9 @@ class _Block(nn.Module):
     def __init__(self, before: int, after: int, stage: Stage, stride: int) -> None:
         super().__init__()
         wide = before * stage.expansion
-        expand = (_Convolution(before, wide, 1),) if stage.expansion > 1 else ()
-        depthwise = _Convolution(wide, wide, stage.kernel, stride, groups=wide)
-        self.layers = nn.Sequential(*expand, depthwise, _Convolution(wide, after, 1, linear=True))
+        expand = (Convolution(before, wide, 1),) if stage.expansion > 1 else ()
+        depthwise = Convolution(wide, wide, stage.kernel, stride, groups=wide)
+        self.layers = nn.Sequential(*expand, depthwise, Convolution(wide, after, 1, linear=True))
         self.residual = before == after and stride == 1
 
     def forward(self, maps: Tensor) -> Tensor:

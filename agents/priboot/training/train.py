@@ -25,11 +25,12 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from dohyo.agents.learning.files.report import Report
-from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.policies.exact_export import export_running
 from dohyo.agents.learning.runs.config import Share
 from dohyo.agents.learning.runs.run import Run
 from dohyo.agents.learning.runs.supervised import FREE, Cosine, Fit, SupervisedConfig, fit, shuffled
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.priboot.fixed_point import ExactPriboot
 from dohyo.agents.priboot.measurements import SPEED, SPEED_SCALE, TARGET, TARGET_M, TARGET_SCALE
 from dohyo.agents.priboot.network import PictureKind, Priboot
 from dohyo.agents.priboot.training.seen import Seen, seen_of
@@ -151,7 +152,8 @@ def train(config: TrainConfig, order: TrainRequest) -> Path:
             columns=("loss", "waypoints", "speed", *MEASURES),
         )
         measures = fit(job, run, lambda step, row: order.report(Report(step, config.steps, row["loss"], "loss")))
-        export(network, network.space(), run.folder / "priboot", {"steps": str(config.steps)})
+        facts = {"steps": str(config.steps)}
+        export_running(network, ExactPriboot(network), network.space(), run.folder / "priboot", facts)
         measures = {**measures, "moments": len(np.unique(chosen.numpy())), "leaving": int(leaves(moments).sum())}
         run.write_card("priboot", PRIBOOT.summary, config.steps, measures, config.data / "train")
         return run.folder / "priboot.onnx"
