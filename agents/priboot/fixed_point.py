@@ -59,7 +59,7 @@ class FixedPointTrunk(nn.Module):
 
     def __init__(self, trunk: Trunk) -> None:
         super().__init__()
-        stem, *blocks = cast(nn.Sequential, trunk.layers)
+        stem, *blocks = trunk.layers
         self.stem = FixedPointConvolution(stem, (PIXEL_BITS, 1.0), WIDE_BITS)  # type: ignore[arg-type]
         self.blocks = nn.ModuleList(_Block(block) for block in blocks)
 

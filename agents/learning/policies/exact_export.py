@@ -103,7 +103,7 @@ class _Products(nn.Module):
 
 
 class _Normalisation(nn.Module):
-    """A layer normalisation of vectors in plain operations: ONNX Runtime's keeps its moments in single precision."""
+    """A layer normalisation of vectors in plain operations: ONNX Runtime's own gives other digits than torch's."""
 
     def __init__(self, layer: nn.LayerNorm) -> None:
         super().__init__()
