@@ -1,16 +1,16 @@
 """The network in numbers that are the same on every processor: a trunk in fixed point, and a head in doubles.
 
 Kernels of single precision add in an order of their own, and a drive repeats every last digit in which they differ.
-Doubles, rounded at the end, would do (see `learning/policies/exact_export`), but ONNX Runtime has no convolution of
-doubles, and written as products the trunk takes 32 ms instead of 6. In fixed point every sum is a whole number of
-units below 2^24, which single precision adds exactly in any order, so that the same fast kernels do.
+Doubles, rounded at the end, would do (see `learning/policies/exact_export`). But ONNX Runtime has no convolution of
+doubles, and written as products the network took 32 ms instead of 6 (a trial). In fixed point every sum is a whole
+number of units below 2^24. Single precision adds these exactly in any order, so that the same fast kernels do.
 
 Source: Jacob et al. 2018 for whole numbers between layers; ours are powers of two and not of eight bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final, cast
 
 import torch
@@ -32,7 +32,7 @@ NARROW: Final = 128.0
 
 
 class ExactPriboot(nn.Module):
-    """A policy as `Priboot`, whose waypoints do not depend on the order of any sum; 3 mm from its, in the mean."""
+    """A policy as `Priboot`, whose waypoints do not depend on the order of any sum."""
 
     def __init__(self, network: Priboot) -> None:
         """Converts a copy of the weights."""
@@ -60,7 +60,7 @@ class FixedPointTrunk(nn.Module):
     def __init__(self, trunk: Trunk) -> None:
         super().__init__()
         stem, *blocks = trunk.layers
-        self.stem = FixedPointConvolution(stem, (PIXEL_BITS, 1.0), WIDE_BITS)  # type: ignore[arg-type]
+        self.stem = FixedPointConvolution(cast(Convolution, stem), (PIXEL_BITS, 1.0), WIDE_BITS)
         self.blocks = nn.ModuleList(_Block(block) for block in blocks)
 
     def forward(self, pictures: Tensor) -> Tensor:
@@ -76,10 +76,10 @@ class _Block(nn.Module):
 
     def __init__(self, block: nn.Module) -> None:
         super().__init__()
-        *wide, last = cast(nn.Sequential, block.layers)
+        *wide, last = cast(Iterable[Convolution], block.layers)
         given = [(NARROW_BITS, NARROW) if index == 0 and len(wide) > 1 else (WIDE_BITS, 6.0) for index in range(2)]
-        layers = [FixedPointConvolution(one, at, WIDE_BITS) for one, at in zip(wide, given, strict=False)]  # type: ignore[arg-type]
-        self.layers = nn.Sequential(*layers, FixedPointConvolution(last, (WIDE_BITS, 6.0), NARROW_BITS))  # type: ignore[arg-type]
+        layers = [FixedPointConvolution(one, at, WIDE_BITS) for one, at in zip(wide, given, strict=False)]
+        self.layers = nn.Sequential(*layers, FixedPointConvolution(last, (WIDE_BITS, 6.0), NARROW_BITS))
         self.residual = bool(block.residual)
 
     def forward(self, maps: Tensor) -> Tensor:
@@ -135,7 +135,8 @@ def _unit(weight: Tensor, bias: Tensor, largest: float, signed: bool) -> Tensor:
     """(C,) the power of two whose multiples the weights of a channel become."""
     slack = weight[0].numel() * largest / 2.0  # what rounding can add, in units
     reached = _reached(weight, largest, signed) + bias.abs()
-    return torch.exp2(torch.ceil(torch.log2(reached / (EXACT - slack - 1.0))))
+    least = torch.finfo(torch.float32).tiny  # of a channel without weights
+    return torch.exp2(torch.ceil(torch.log2(reached.clamp(min=least) / (EXACT - slack - 1.0))))
 
 
 def _rounded(values: Tensor, unit: Tensor) -> Tensor:

@@ -12,6 +12,7 @@ from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.perception.encoders.efficientnet import Convolution
 from dohyo.agents.priboot.fixed_point import ExactPriboot, FixedPointConvolution
 from dohyo.agents.priboot.network import Priboot
+from tests.agents.old_processor import printed_here_and_there
 
 
 def observations(count):
@@ -54,9 +55,40 @@ def test_torch_and_onnx_runtime_and_any_batch_give_the_same_bits(networks, tmp_p
     assert np.array_equal(plain, np.stack(single))
 
 
+PROGRAM = """
+import numpy as np, torch
+from dohyo.agents.priboot.fixed_point import ExactPriboot
+from dohyo.agents.priboot.network import Priboot
+torch.set_num_threads(1)
+torch.manual_seed(2)
+network = Priboot().eval()
+rng = np.random.default_rng(4)
+seen = {
+    "picture": torch.from_numpy(rng.integers(0, 256, (20, 3, 160, 128), dtype=np.uint8)),
+    "measurements": torch.from_numpy(rng.normal(size=(20, 11)).astype(np.float32)),
+}
+with torch.no_grad():
+    for one in (ExactPriboot(network), network):
+        print(one(seen).numpy().tobytes().hex())
+"""
+
+
+def test_kernels_of_another_processor_give_the_same_bits():
+    """Those of the network in single precision differ."""
+    (here, loose_here), (old, loose_old) = printed_here_and_there(PROGRAM)
+    assert loose_here != loose_old
+    assert here == old
+
+
+def test_a_channel_without_weights_stays_zero():
+    layer = Convolution(4, 3, 1, linear=True).eval()
+    torch.nn.init.zeros_(layer.convolution.weight)
+    assert not FixedPointConvolution(layer, (7, 6.0), 5)(torch.full((1, 4, 2, 2), 700.0)).any()
+
+
 @pytest.mark.parametrize(("given", "low"), [((7, 6.0), 0), ((5, 128.0), -4096)])
-def test_the_order_of_channels_and_their_grouping_change_no_bit(given, low):
-    """In single precision both would; the numbers are the largest that a layer may read."""
+def test_the_order_of_channels_changes_no_bit(given, low):
+    """With weights that are not rounded it does; the numbers go up to the largest that a layer may read."""
     torch.manual_seed(3)
     layer = Convolution(672, 16, 1, linear=True).eval()
     fixed = FixedPointConvolution(layer, given, 5)
@@ -65,5 +97,8 @@ def test_the_order_of_channels_and_their_grouping_change_no_bit(given, low):
     plain = torch.nn.functional.conv2d(maps, fixed.weight, fixed.bias)
     turned = torch.nn.functional.conv2d(maps[:, order], fixed.weight[:, order], fixed.bias)
     exact = torch.nn.functional.conv2d(maps.double(), fixed.weight.double(), fixed.bias.double())
+    plain_weight = layer.convolution.weight
+    loose = torch.nn.functional.conv2d(maps, plain_weight)
+    assert not torch.equal(loose, torch.nn.functional.conv2d(maps[:, order], plain_weight[:, order]))
     assert torch.equal(plain, turned)
     assert torch.equal(plain.double(), exact)
