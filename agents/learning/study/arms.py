@@ -30,6 +30,7 @@ class Match:
         settings: The peer's settings.
         rows: Environments that step together.
         noise: Standard deviation of the peer's action noise, in [-1, 1]; None: it has none.
+        trainings: Of each library; more where three do not decide.
     """
 
     env: str
@@ -40,9 +41,10 @@ class Match:
     settings: Mapping[str, Any] = field(default_factory=dict)
     rows: int = 1
     noise: float | None = None
+    trainings: int = 3
 
 
-def _continuous(env: str, steps: int, ppo_steps: int) -> tuple[Match, ...]:
+def _continuous(env: str, steps: int, ppo_steps: int, ddpg_trainings: int = 3) -> tuple[Match, ...]:
     replay = ReplayConfig(capacity=200_000)
     sized = {"buffer_size": 200_000}
     ppo = PpoConfig(  # RL Zoo: Pendulum-v1, without its state-dependent exploration
@@ -59,7 +61,7 @@ def _continuous(env: str, steps: int, ppo_steps: int) -> tuple[Match, ...]:
     theirs = {"n_steps": 1024, "learning_rate": 1e-3, "gamma": ppo.gamma, "ent_coef": 0.0}
     return (
         Match(env, "sac", "SAC", steps, SacConfig(replay=replay), sized),
-        Match(env, "ddpg", "DDPG", steps, DdpgConfig(replay=replay), sized, noise=0.1),
+        Match(env, "ddpg", "DDPG", steps, DdpgConfig(replay=replay), sized, noise=0.1, trainings=ddpg_trainings),
         Match(env, "ppo", "PPO", ppo_steps, ppo, theirs, rows=4),
     )
 
@@ -90,6 +92,6 @@ _DQN = {
 _ALL = (
     Match("CartPole-v1", "iqn", "DQN", 50_000, _IQN, _DQN),
     *_continuous("Pendulum-v1", 10_000, 100_000),
-    *_continuous("Hopper-v5", 100_000, 100_000),
+    *_continuous("Hopper-v5", 100_000, 100_000, ddpg_trainings=6),
 )
 MATCHES: Mapping[tuple[str, str], Match] = MappingProxyType({(one.env, one.algorithm): one for one in _ALL})

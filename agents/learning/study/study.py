@@ -20,7 +20,7 @@ from dohyo.agents.learning.gymnasium.task import GymnasiumTask
 from dohyo.agents.learning.runs.evaluation import evaluate
 from dohyo.agents.learning.study.arms import MATCHES
 from dohyo.agents.learning.study.libraries import LIBRARIES
-from dohyo.agents.studies.arms import TRAININGS, Block, Cell, Place, cells_of
+from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row, grouped
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study
@@ -43,8 +43,8 @@ class Options(Config):
 def cells(options: Options) -> list[Cell]:
     """Every algorithm of both libraries on its environments."""
     return cells_of(
-        Block([f"{algorithm}, {library}" for library in LIBRARIES], TRAININGS, [Place(env, "held-out", None)])
-        for env, algorithm in MATCHES
+        Block([f"{name}, {library}" for library in LIBRARIES], range(match.trainings), [Place(env, "held-out", None)])
+        for (env, name), match in MATCHES.items()
     )
 
 
