@@ -26,6 +26,7 @@ from dohyo.agents.experts.proposals import (
     OFFSETS_M,
     PROPOSALS,
     SCORES,
+    SHORT_AT,
     STANDING,
     STATE,
     STEPS,
@@ -34,6 +35,7 @@ from dohyo.agents.experts.proposals import (
     roll_out,
     score,
 )
+from dohyo.agents.planning.braking import braking_on
 from dohyo.agents.planning.motion import Idm, body
 from dohyo.agents.planning.prediction import constant_speed, constant_velocity
 from dohyo.agents.planning.scene import SENSORS, Scene, SceneBuilder
@@ -52,7 +54,7 @@ MAX_SPEED = 15.0
 CURVE_LATERAL, CURVE_BRAKING, LATERAL_LIMIT = 2.5, 1.5, 6.0
 CORRIDOR_MARGIN_M = 0.2
 LINE_GAP_M = 0.5
-EMERGENCY_S, EMERGENCY_BRAKING = 2.0, 8.0
+EMERGENCY_S, SHORT_S, EMERGENCY_BRAKING = 2.0, 1.0, 8.0
 PUBLISHED_SPEED, PUBLISHED_BRAKING = 5.0, 4.05
 MOVING = 1.0
 LEEWAY_S = 0.2
@@ -71,14 +73,17 @@ class PdmClosed(Agent):
             cross; expects vehicles that turn to go on turning, and all in junctions to come a little earlier or later
             than forecast; and changes its braking gradually.
         passing: Whether "careful" goes round what stands in its lane (ours); "published" never does.
+        looks_ahead: Whether "careful" expects vehicles that brake to go on braking for a second, and brakes hard where
+            the time to collision will be short within a second whatever it does (ours); "published" never does.
     """
 
     spec = AgentSpec(name="pdm-closed", track="privileged", sensors=SENSORS, control="acceleration_steering")
 
-    def __init__(self, variant: Variant = "careful", passing: bool = True) -> None:
+    def __init__(self, variant: Variant = "careful", passing: bool = True, looks_ahead: bool = True) -> None:
         if variant not in get_args(Variant):
             raise InvalidInputError(f"agent 'pdm-closed': expected variant 'careful' or 'published', got '{variant}'")
         self._careful = variant == "careful"
+        self._looks_ahead = looks_ahead and self._careful
         self._vehicle = VehicleParameters()
         self._car = body(self._vehicle, LATERAL_LIMIT)
         self._builder = SceneBuilder()
@@ -123,6 +128,8 @@ class PdmClosed(Agent):
     def _look(self, observation: Observation, scene: Scene) -> tuple[Situation, Idm]:
         """Situation along the route, or along the way round what stands on it, and how to follow others there."""
         forecast, model = constant_speed(scene) if self._careful else constant_velocity(scene), MODEL
+        if self._looks_ahead:
+            forecast = braking_on(scene, forecast)
         if self._detour is not None:
             self._detour.update(observation, scene)
             forecast = self._detour.cleared(scene, forecast)
@@ -142,8 +149,10 @@ class PdmClosed(Agent):
         return demand
 
     def _in_danger(self, best: int, speed: float) -> bool:
-        """Whether even the best proposal collides, or leaves the road, too soon."""
+        """Whether even the best proposal collides, nearly does, or leaves the road, too soon."""
         meets = bool(self._scores[best, MET_AT] <= EMERGENCY_S)
+        if self._looks_ahead:
+            meets |= bool(self._scores[best, SHORT_AT] <= SHORT_S)
         if not self._careful:
             return meets and speed <= PUBLISHED_SPEED
         return meets or bool(self._scores[best, OFF_AT] <= EMERGENCY_S and speed > MOVING)

@@ -43,10 +43,10 @@ X, Y, HEADING, SPEED, ACCELERATION, STEERING, S, CENTRE_X, CENTRE_Y, WHEEL, DEMA
 STATE = 11
 """Rear axle x, y [m], heading [rad], speed [m/s], acceleration [m/s^2], wheel angle [rad], arc length [m], box centre
 x, y [m], demanded wheel angle [rad] and acceleration [m/s^2]."""
-NC, DAC, DDC, EP, TTC, COMFORT, TOTAL, MET_AT, OFF_AT = range(9)
-SCORES = 9
-"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; times of the first collision and of leaving the road, s
-(infinite: never)."""
+NC, DAC, DDC, EP, TTC, COMFORT, TOTAL, MET_AT, OFF_AT, SHORT_AT = range(10)
+SCORES = 10
+"""Multipliers NC, DAC, DDC; shares EP, TTC, C; the score; times of the first collision, of leaving the road, and
+from which on the time to collision is short, s (infinite: never)."""
 STOPPING_S, HALTING = 0.8, 0.5
 """Braking of the last metres: speed over that time, at least so much, m/s^2, without a jolt (ours)."""
 YIELD_S, PERSON_GAP_M = 4.0, 1.0
@@ -139,7 +139,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray, le
         road: The situation.
         car: The vehicle.
         states: (15, 41, 11) from `roll_out`.
-        scores: (15, 9) where the terms are written.
+        scores: (15, 10) where the terms are written.
         leeway: Time by which an actor may be earlier or later in a junction than forecast, s.
     """
     farthest = 0.0
@@ -160,7 +160,7 @@ def score(road: Situation, car: Body, states: FloatArray, scores: FloatArray, le
 @njit(cache=True, error_model="numpy")
 def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray, leeway: float) -> None:
     terms[NC] = terms[DAC] = terms[DDC] = terms[TTC] = 1.0
-    terms[MET_AT] = terms[OFF_AT] = math.inf
+    terms[MET_AT] = terms[OFF_AT] = terms[SHORT_AT] = math.inf
     half_length, half_width = 0.5 * car.length, 0.5 * car.width
     against, window = 0.0, np.zeros(10)
     was_off = True
@@ -190,7 +190,7 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray, le
             for ahead in TTC_AHEAD_S:
                 moved, then = speed * ahead, min(k + round(ahead / DT), road.boxes.shape[0] - 1)
                 if _met(road, car, x + moved * cos, y + moved * sin, cos, sin, speed, then, seen, early) >= 0:
-                    terms[TTC] = 0.0
+                    terms[TTC], terms[SHORT_AT] = 0.0, k * DT
                     break
     terms[COMFORT] = 1.0 if _comfortable(states) else 0.0
 

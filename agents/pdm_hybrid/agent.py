@@ -36,6 +36,7 @@ class PdmHybrid(Planner):
         self,
         variant: Variant = "careful",
         passing: bool = True,
+        looks_ahead: bool = True,
         policy: str | Path | None = None,
         kept_s: float = KEPT_S,
     ) -> None:
@@ -44,13 +45,14 @@ class PdmHybrid(Planner):
         Args:
             variant: See `PdmClosed`.
             passing: See `PdmClosed`.
+            looks_ahead: See `PdmClosed`.
             policy: ONNX file of a training of `pdm-offset`; None: the shipped one.
             kept_s: Time for which the plan is PDM-Closed's, from 0 to 8 s.
 
         Raises:
             InvalidInputError: There is no such network, or a setting is out of range.
         """
-        super().__init__(variant, passing)
+        super().__init__(variant, passing, looks_ahead)
         if not 0.0 <= kept_s <= 8.0:
             raise InvalidInputError(f"agent 'pdm-hybrid': expected kept_s from 0 to 8 s, got {kept_s:g}")
         path = policy_file(policy, SHIPPED, "pdm-offset")

@@ -51,9 +51,9 @@ Variant = Literal["careful", "published"]
 class Planner(PdmClosed):
     """PDM-Closed with its plan for 8 s; it drives as PDM-Closed does."""
 
-    def __init__(self, variant: Variant = "careful", passing: bool = True) -> None:
+    def __init__(self, variant: Variant = "careful", passing: bool = True, looks_ahead: bool = True) -> None:
         """See `PdmClosed`."""
-        super().__init__(variant, passing)
+        super().__init__(variant, passing, looks_ahead)
         self._long = np.zeros((PROPOSALS, POSES * _STRIDE + 1, STATE))
         self._seen: tuple[Scene, Situation, Idm] | None = None
 
@@ -89,8 +89,8 @@ class Planner(PdmClosed):
 
 
 def make_planner() -> Planner:
-    """The planner of plans in scenes."""
-    return Planner(passing=False)  # type: ignore[abstract]
+    """The planner of plans in scenes, which its network was trained beside."""
+    return Planner(passing=False, looks_ahead=False)  # type: ignore[abstract]
 
 
 def inputs(scene: Scene, plan: FloatArray) -> dict[str, Float32Array]:

@@ -250,6 +250,20 @@ def test_it_stops_at_red_and_goes_on_at_green(agent: Agent) -> None:
     assert fronts(worlds)[-1] > line
 
 
+def test_looking_ahead_keeps_the_time_to_collision() -> None:
+    """A leader that brakes at 6 m/s^2 until it stands, 16 m before the ego."""
+    scene = straight_road().with_ego(x=50.0, speed=12.0)
+    scene = scene.with_actor(66.0 + 4.5, lambda t: min(max(12.0 - 6.0 * (t - 0.6), 0.0), 12.0))
+    shortest = {}
+    for looks_ahead in (True, False):
+        worlds = drive(PdmClosed(looks_ahead=looks_ahead), scene, 6.0)
+        gaps = [float(world.actors.position[0, 0]) - 4.5 - float(world.egos.position[0, 0]) for world in worlds]
+        closing = [float(world.egos.speed[0] - world.actors.speed[0]) for world in worlds]
+        shortest[looks_ahead] = min(gap / rate for gap, rate in zip(gaps, closing, strict=True) if rate > 0.01)
+        assert not touched(worlds) or not looks_ahead
+    assert shortest[True] > shortest[False] + 0.1
+
+
 @pytest.mark.parametrize(
     "start",
     [
