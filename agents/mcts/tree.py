@@ -164,12 +164,13 @@ def search(
     for simulation in range(simulations):
         node, steps, made = 0, 0, False
         tree.path[0] = 0
-        following = beliefs.plan[0] >= 0 and tree.visits[0] == 0
+        earlier = 1 if rules.sooner and tree.visits[0] == 2 else 0
+        following = beliefs.plan[0] >= 0 and (tree.visits[0] == 0 or earlier == 1)
         prior_only = tree.numbers[WALKED] == 0 if rules.one_node else tree.visits[0] == by_prior
         while tree.depth[node] < end and tree.outcome[node] != FAILED and not (made and rules.one_node):
             action = -1
             if following:
-                action = _planned(tree, beliefs, node)
+                action = _planned(tree, beliefs, node, earlier)
                 following = action >= 0
             if action < 0:
                 if len(beliefs.draws) > 0 and not prior_only:
@@ -200,9 +201,10 @@ def walk_end(rules: Rules) -> int:
 
 
 @kernel
-def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
-    """Action of the previous tick's plan, if the constraints still allow it."""
-    action = beliefs.plan[tree.depth[node]]
+def _planned(tree: Tree, beliefs: Beliefs, node: int, earlier: int) -> int:
+    """Action of the previous tick's plan, some actions earlier, if the constraints still allow it."""
+    place = tree.depth[node] + earlier
+    action = beliefs.plan[place] if place < len(beliefs.plan) else -1
     if action < 0:
         return -1
     a, b = action // ACTIONS, action % ACTIONS
