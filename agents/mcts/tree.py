@@ -14,7 +14,7 @@ import numpy as np
 
 from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
 from dohyo.agents.mcts.kernels import inlined, kernel
-from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
+from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, S, advance, at_row, crafted_centre
 from dohyo.agents.mcts.value.mlp import Mlp, no_value, value_of
 from dohyo.agents.planning.motion import Body, Idm
 from dohyo.agents.planning.situation import Situation
@@ -323,6 +323,9 @@ def _expand(
         elif tree.depth[child] < rules.depth:
             time = tree.depth[child] * rules.hold_steps * DT
             tree.beyond[child] = value_of(beliefs.value, road, car, rules, tree.state[child], time)
+        elif rules.too_fast < 0.0:
+            allowed = road.allowed[at_row(road, tree.state[child, S])]
+            tree.beyond[child] = rules.too_fast * max(tree.state[child, SPEED] - allowed, 0.0)
     return int(child)
 
 

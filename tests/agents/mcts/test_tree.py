@@ -379,6 +379,17 @@ def test_a_plan_that_waits_is_also_tried_without_waiting(drives_off: bool) -> No
     assert tree.child[0, believed.plan[0]] == 1, "the plan itself comes first"
 
 
+@pytest.mark.parametrize(("drives_off", "cost"), [(True, -5.0), (False, 0.0)])
+def test_a_plan_that_ends_faster_than_a_bend_allows_costs(drives_off: bool, cost: float) -> None:
+    given = rules(Settings(predictor="constant_velocity", drives_off=drives_off))
+    believed, keeps = beliefs(given.depth), MIDDLE * ACTIONS + MIDDLE
+    believed.plan[:] = keeps
+    road = straight()
+    road.allowed[np.arange(len(road.allowed)) * road.spacing + road.first_s > 50.0] = 3.0
+    tree, _ = searched(road, given, 8.0, 1, believed)
+    assert tree.best[0] - tree.reward[: tree.numbers[NODES]].sum() == pytest.approx(cost, abs=0.01)
+
+
 def test_the_crafted_prior_slows_down_early_for_a_bend() -> None:
     road, state = straight(), state_at(8.0)
     road.allowed[np.arange(len(road.allowed)) * road.spacing + road.first_s > 10.0] = 3.0  # 1.25 s away
