@@ -68,8 +68,8 @@ class Settings(Config):
             What the hardest action cannot avoid it brakes for harder, instead of leaving its lane (ours).
         room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
             (ours).
-        drives_off: Do not wait for ever: search also along the last plan without its first action; charge plans that end
-            faster than limits and curves ahead allow; and let the crafted prior "idm" slow down for them a second
+        drives_off: Do not wait for ever: search also along the last plan without its first action; charge plans that
+            end faster than limits and curves ahead allow; and let the crafted prior "idm" slow down for them a second
             earlier, since continuity lets it brake only step by step (ours).
         looks_ahead: To be about to meet somebody within 1.3 s, if both keep speed and heading, costs 10 per second
             (ours; nuPlan's score asks for 0.95 s).
