@@ -68,9 +68,6 @@ class Settings(Config):
             What the hardest action cannot avoid it brakes for harder, instead of leaving its lane (ours).
         room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
             (ours).
-        drives_off: Do not wait for ever: search also along the last plan without its first action; charge plans that
-            end faster than limits and curves ahead allow; and let the crafted prior "idm" slow down for them a second
-            earlier, since continuity lets it brake only step by step (ours).
         looks_ahead: To be about to meet somebody within 1.3 s, if both keep speed and heading, costs 10 per second
             (ours; nuPlan's score asks for 0.95 s).
         value: "network" ends walks early, and adds the value network's estimate (ours).
@@ -98,7 +95,6 @@ class Settings(Config):
     passing: bool = True
     keeps_lane: bool = True
     room_for_people: bool = True
-    drives_off: bool = True
     looks_ahead: bool = True
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0
@@ -123,9 +119,6 @@ class Rules(NamedTuple):
         standing: Below this speed acceleration is unconstrained, m/s (the thesis's code gives "extra freedom").
         variance: sigma^2 of the priors (thesis: 100).
         crafted: 0 none, 1 towards the limit, 2 IDM.
-        crafted_ahead: Time ahead whose curves and limits IDM's prior slows down for, s.
-        sooner: 1 where the last plan is also tried without its first action.
-        too_fast: Per m/s at the horizon beyond what limits and curves ahead allow (ours).
         parent_first: 1 where an untried action has the value of its parent.
         one_node: 1 where a simulation adds one node.
         effort: Charged in the selection below the root, per step of 0.5 m/s^2 (the thesis's code: 1/10 per m/s^2).
@@ -177,9 +170,6 @@ class Rules(NamedTuple):
     standing: float
     variance: float
     crafted: int
-    crafted_ahead: float
-    sooner: int
-    too_fast: float
     parent_first: int
     one_node: int
     effort: float
@@ -255,9 +245,6 @@ def rules(settings: Settings) -> Rules:
         standing=0.5,
         variance=settings.prior_variance,
         crafted=crafted,
-        crafted_ahead=1.5 if settings.drives_off else 0.5,
-        sooner=int(settings.drives_off),
-        too_fast=-1.0 if ours and settings.drives_off else 0.0,
         parent_first=int(settings.first_play == "parent"),
         one_node=int(settings.walks == "node"),
         effort=0.0 if ours else 0.05,

@@ -127,7 +127,7 @@ def advance(
         if behind_line and s + front > road.line:
             terms[LINE] = rules.penalty_line + lost
             return FAILED
-        looks = rules.meeting_s > 0.0 and (first + step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING
+        looks = rules.meeting_s > 0.0 and (step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING
         if looks and _meets(road, car, rules, x, y, cos, sin, state[SPEED], first + step + 1):
             terms[MEETING] += rules.penalty_meeting * MEETING_EVERY * DT
         # Corners are looked up every half second and at the end: a lane's edge is not left and regained in between.
@@ -274,7 +274,7 @@ def crafted_centre(road: Situation, car: Body, rules: Rules, idm: Idm, state: Fl
     row = at_row(road, state[S] + speed * 0.5)
     if rules.crafted == 1:
         return MIDDLE + 2 if speed < road.limit[row] - 0.5 * rules.acceleration_step else MIDDLE
-    target = min(road.allowed[row], road.allowed[at_row(road, state[S] + speed * rules.crafted_ahead)])
+    target = road.allowed[row]
     gap, leading = leader(road, 0.5 * car.length, 0.5 * car.width + rules.margin_across, state[S], time + 0.5, 0.0)
     wish = idm_acceleration(idm, speed, target, gap, leading)
     if speed > target:

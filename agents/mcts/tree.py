@@ -14,7 +14,7 @@ import numpy as np
 
 from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
 from dohyo.agents.mcts.kernels import inlined, kernel
-from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, S, advance, at_row, crafted_centre
+from dohyo.agents.mcts.simulator import FAILED, SPEED, STATE, TERMS, advance, crafted_centre
 from dohyo.agents.mcts.value.mlp import Mlp, no_value, value_of
 from dohyo.agents.planning.motion import Body, Idm
 from dohyo.agents.planning.situation import Situation
@@ -164,13 +164,12 @@ def search(
     for simulation in range(simulations):
         node, steps, made = 0, 0, False
         tree.path[0] = 0
-        earlier = 1 if rules.sooner and tree.visits[0] == 2 else 0
-        following = beliefs.plan[0] >= 0 and (tree.visits[0] == 0 or earlier == 1)
+        following = beliefs.plan[0] >= 0 and tree.visits[0] == 0
         prior_only = tree.numbers[WALKED] == 0 if rules.one_node else tree.visits[0] == by_prior
         while tree.depth[node] < end and tree.outcome[node] != FAILED and not (made and rules.one_node):
             action = -1
             if following:
-                action = _planned(tree, beliefs, node, earlier)
+                action = _planned(tree, beliefs, node)
                 following = action >= 0
             if action < 0:
                 if len(beliefs.draws) > 0 and not prior_only:
@@ -201,10 +200,9 @@ def walk_end(rules: Rules) -> int:
 
 
 @kernel
-def _planned(tree: Tree, beliefs: Beliefs, node: int, earlier: int) -> int:
-    """Action of the previous tick's plan, some actions earlier, if the constraints still allow it."""
-    place = tree.depth[node] + earlier
-    action = beliefs.plan[place] if place < len(beliefs.plan) else -1
+def _planned(tree: Tree, beliefs: Beliefs, node: int) -> int:
+    """Action of the previous tick's plan, if the constraints still allow it."""
+    action = beliefs.plan[tree.depth[node]]
     if action < 0:
         return -1
     a, b = action // ACTIONS, action % ACTIONS
@@ -323,9 +321,6 @@ def _expand(
         elif tree.depth[child] < rules.depth:
             time = tree.depth[child] * rules.hold_steps * DT
             tree.beyond[child] = value_of(beliefs.value, road, car, rules, tree.state[child], time)
-        elif rules.too_fast < 0.0:
-            allowed = road.allowed[at_row(road, tree.state[child, S])]
-            tree.beyond[child] = rules.too_fast * max(tree.state[child, SPEED] - allowed, 0.0)
     return int(child)
 
 

@@ -31,7 +31,6 @@ from dohyo.agents.mcts.simulator import (
     X,
     Y,
     advance,
-    crafted_centre,
 )
 from dohyo.agents.mcts.tree import (
     BEST_LEAF,
@@ -360,43 +359,6 @@ def test_who_does_not_look_ahead_and_the_thesis_take_no_notice_of_it() -> None:
         terms = np.zeros(TERMS)
         advance(straight([(16.0, 0.0, 0.0)]), CAR, rules(one), state_at(8.0), 0, MIDDLE, MIDDLE, MIDDLE, terms)
         assert terms[MEETING] == 0.0
-
-
-# Driving off
-
-
-@pytest.mark.parametrize("drives_off", [True, False])
-def test_a_plan_that_waits_is_also_tried_without_waiting(drives_off: bool) -> None:
-    given = rules(Settings(predictor="constant_velocity", drives_off=drives_off))
-    believed, goes = beliefs(given.depth), (MIDDLE + 1) * ACTIONS + MIDDLE
-    believed.plan[:] = goes
-    believed.plan[0] = (MIDDLE - 1) * ACTIONS + MIDDLE
-    tree, _ = searched(straight(), given, 0.0, 3, believed)
-    node, actions = 0, []
-    while (node := int(tree.child[node, goes])) >= 0:
-        actions.append(int(tree.action[node]))
-    assert (actions[: given.depth - 1] == believed.plan[1:].tolist()) is drives_off
-    assert tree.child[0, believed.plan[0]] == 1, "the plan itself comes first"
-
-
-@pytest.mark.parametrize(("drives_off", "cost"), [(True, -5.0), (False, 0.0)])
-def test_a_plan_that_ends_faster_than_a_bend_allows_costs(drives_off: bool, cost: float) -> None:
-    given = rules(Settings(predictor="constant_velocity", drives_off=drives_off))
-    believed, keeps = beliefs(given.depth), MIDDLE * ACTIONS + MIDDLE
-    believed.plan[:] = keeps
-    road = straight()
-    road.allowed[np.arange(len(road.allowed)) * road.spacing + road.first_s > 50.0] = 3.0
-    tree, _ = searched(road, given, 8.0, 1, believed)
-    assert tree.best[0] - tree.reward[: tree.numbers[NODES]].sum() == pytest.approx(cost, abs=0.01)
-
-
-def test_the_crafted_prior_slows_down_early_for_a_bend() -> None:
-    road, state = straight(), state_at(8.0)
-    road.allowed[np.arange(len(road.allowed)) * road.spacing + road.first_s > 10.0] = 3.0  # 1.25 s away
-    early, late = (
-        crafted_centre(road, CAR, rules(Settings(drives_off=one)), CRAFTED_IDM, state, 0.0) for one in (True, False)
-    )
-    assert early <= MIDDLE - 4 < MIDDLE <= late
 
 
 # The thesis's simulator and search
