@@ -14,15 +14,16 @@ import numpy as np
 from numba import njit
 
 from dohyo.agents.mcts.predictors.constant_velocity import roll
+from dohyo.agents.planning.braking import decelerations
 from dohyo.agents.planning.motion import DT, project
-from dohyo.agents.planning.scene import HISTORY_STEP_S, Scene
+from dohyo.agents.planning.scene import Scene
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.world import ActorKind
 
 LANE_SHARE = 0.5
 """Share of a lane's width from its middle within which an actor counts as ahead in it."""
 SAME_WAY = 0.7
-BRAKING_S, HARDEST, HESITATION_S = 1.0, 8.0, 1.0
+BRAKING_S, HESITATION_S = 1.0, 1.0
 
 
 def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
@@ -43,11 +44,7 @@ def cautious(scene: Scene, forecast: FloatArray) -> FloatArray:
     if on_foot.any():
         out = forecast.copy()
         out[on_foot, 1:] = _walking_on(scene, on_foot)
-    # The history has steps of half a second: the loss of speed since the middle of the last one gives the braking.
-    back = actors.history[:, -1, :2] - actors.history[:, -2, :2]
-    earlier = np.hypot(back[:, 0], back[:, 1]) / HISTORY_STEP_S
-    braking = np.clip((actors.speed - earlier) / (0.5 * HISTORY_STEP_S), -HARDEST, 0.0)
-    braking[~actors.history_valid[:, -2]] = 0.0
+    braking = decelerations(actors)
     for n in np.flatnonzero((actors.kind != ActorKind.STATIC) & (actors.position[:, 0] > 0.0)).tolist():
         x, y = (float(v) for v in actors.position[n])
         s, side, row = project(path, float(p.s[0]), spacing, x, y, 0.0, 1e6)
@@ -67,14 +64,14 @@ def _walking_on(scene: Scene, on_foot: BoolArray) -> FloatArray:
 
 @njit(cache=True, error_model="numpy")
 def _hold_back(poses: FloatArray, speed: float, braking: float, wait: float) -> None:
-    """Slows (81, 3) poses down: speed limit [m/s], braking [m/s^2, negative] for a second, after a wait [s]."""
+    """Slows (81, 3) poses down: speed limit [m/s], deceleration [m/s^2] for a second, after a wait [s]."""
     before = poses.copy()
     travelled, allowed, k, passed = 0.0, 0.0, 0, 0.0
     length = math.hypot(before[1, 0] - before[0, 0], before[1, 1] - before[0, 1])
     for i in range(1, before.shape[0]):
         travelled += math.hypot(before[i, 0] - before[i - 1, 0], before[i, 1] - before[i - 1, 1])
         if (i - 1) * DT < BRAKING_S:
-            speed = max(speed + braking * DT, 0.0)
+            speed = max(speed - braking * DT, 0.0)
         if (i - 1) * DT >= wait:
             allowed = min(allowed + speed * DT, travelled)
         while passed + length < allowed and k < before.shape[0] - 2:

@@ -68,6 +68,8 @@ class Settings(Config):
             What the hardest action cannot avoid it brakes for harder, instead of leaving its lane (ours).
         room_for_people: To pass people on foot nearer than a distance that grows with the speed counts as a collision
             (ours).
+        drives_off: A plan by which a standing ego goes on standing is not searched along at the next tick, so that it
+            does not wait for ever for the best moment to go (ours).
         looks_ahead: To be about to meet somebody within 1.3 s, if both keep speed and heading, costs 10 per second
             (ours; nuPlan's score asks for 0.95 s).
         value: "network" ends walks early, and adds the value network's estimate (ours).
@@ -95,6 +97,7 @@ class Settings(Config):
     passing: bool = True
     keeps_lane: bool = True
     room_for_people: bool = True
+    drives_off: bool = True
     looks_ahead: bool = True
     value: Literal["none", "network"] = "none"
     value_depth_s: Annotated[float, Field(ge=2.0, lt=HORIZON_S)] = 4.0

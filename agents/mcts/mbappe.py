@@ -38,7 +38,7 @@ from dohyo.agents.mcts.config import (
 from dohyo.agents.mcts.explanation import explain_search
 from dohyo.agents.mcts.predicting import make_predictor
 from dohyo.agents.mcts.prior import kernel, learned_actions
-from dohyo.agents.mcts.simulator import FAILED, REACH_M, STANDING, STATE, controls
+from dohyo.agents.mcts.simulator import FAILED, REACH_M, SPEED, STANDING, STATE, controls
 from dohyo.agents.mcts.tree import BEST_LEAF, PAIRS, Beliefs, best_child, make_tree, search, start
 from dohyo.agents.mcts.value.mlp import load_value, no_value
 from dohyo.agents.planning.motion import Idm, body, limited_steering, project, pursuit
@@ -173,7 +173,9 @@ class Mbappe(Agent):
         self._why = {"simulations": ran, "nodes_made": int(self.tree.numbers[0]), "plan": [int(node) for node in chain]}
         if s.reuse:
             self._plan[:] = -1
-            self._plan[: len(chain)] = self.tree.action[chain]
+            waits = max(state[SPEED], self.tree.state[chain[0], SPEED]) < STANDING
+            if not (waits and s.drives_off):
+                self._plan[: len(chain)] = self.tree.action[chain]
         action = int(self.tree.action[chain[0]])
         self._last[:] = action // ACTIONS, action % ACTIONS
         danger = self._danger(chain)

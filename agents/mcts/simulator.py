@@ -127,7 +127,7 @@ def advance(
         if behind_line and s + front > road.line:
             terms[LINE] = rules.penalty_line + lost
             return FAILED
-        looks = rules.meeting_s > 0.0 and (step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING
+        looks = rules.meeting_s > 0.0 and (first + step + 1) % MEETING_EVERY == 0 and state[SPEED] > STANDING
         if looks and _meets(road, car, rules, x, y, cos, sin, state[SPEED], first + step + 1):
             terms[MEETING] += rules.penalty_meeting * MEETING_EVERY * DT
         # Corners are looked up every half second and at the end: a lane's edge is not left and regained in between.

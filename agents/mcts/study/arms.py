@@ -9,7 +9,9 @@ from typing import Any, Final
 from dohyo.agents.studies.arms import Arm
 from dohyo.agents.studies.samples import Sample
 
-BEFORE: Mapping[str, Any] = MappingProxyType({"keeps_lane": False, "room_for_people": False, "looks_ahead": False})
+BEFORE: Mapping[str, Any] = MappingProxyType(
+    {"keeps_lane": False, "room_for_people": False, "drives_off": False, "looks_ahead": False}
+)
 """Of all arms: the drives are stored, and older than these settings."""
 
 

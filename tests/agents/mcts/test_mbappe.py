@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dohyo.agents.mcts.config import ACTIONS, MIDDLE
 from dohyo.agents.mcts.mbappe import Mbappe
 from dohyo.agents.mcts.predictor_only import PredictorOnly
 from dohyo.agents.mcts.random_shooting import RandomShooting
@@ -44,6 +45,27 @@ def test_on_a_free_road_it_comes_up_to_the_limit_and_stays_in_its_lane() -> None
     worlds = drive(made(), straight_road().with_ego(x=50.0, speed=0.0), 14.0)
     assert 12.0 < speeds(worlds)[-1] < 14.2
     assert max(abs(float(world.egos.lateral[0])) for world in worlds) < 0.6
+
+
+class _Waiting(Mbappe):
+    """Begins with a plan to stand."""
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        super().reset(mission, seed)
+        self._plan[:] = (MIDDLE - 1) * ACTIONS + MIDDLE
+
+
+@pytest.mark.parametrize("drives_off", [True, False])
+def test_an_ego_that_stands_does_not_keep_a_plan_to_wait(drives_off: bool) -> None:
+    agent = made(_Waiting, drives_off=drives_off, simulations=1)  # which is along its last plan, if it has kept one
+    end = speeds(drive(agent, straight_road().with_ego(x=50.0, speed=0.0), 5.0))[-1]
+    assert end > 3.0 if drives_off else end == 0.0
+
+
+def test_an_ego_that_moves_keeps_its_plan_to_stop() -> None:
+    agent = made()
+    drive(agent, straight_road().with_ego(x=50.0, speed=6.0).with_actor(62.0), 0.5)
+    assert agent._plan[0] // ACTIONS < MIDDLE
 
 
 def test_behind_a_standing_car_it_stands() -> None:

@@ -354,6 +354,16 @@ def test_to_be_about_to_meet_somebody_costs(car: tuple[float, float, float], cos
     assert held(straight(cars=[car]), 8.0, MIDDLE)[2][MEETING] == pytest.approx(cost)
 
 
+def test_actions_of_any_length_look_ahead() -> None:
+    for hold_s, steps in ((1.0, 1), (0.5, 2), (0.1, 10)):
+        given, state, terms, total = rules(Settings(hold_s=hold_s)), state_at(8.0), np.zeros(TERMS), 0.0
+        for step in range(steps):
+            first = step * given.hold_steps
+            advance(straight([(16.0, 0.0, 0.0)]), CAR, given, state, first, MIDDLE, MIDDLE, MIDDLE, terms)
+            total += terms[MEETING]
+        assert total < -1.0
+
+
 def test_who_does_not_look_ahead_and_the_thesis_take_no_notice_of_it() -> None:
     for one in (Settings(predictor="constant_velocity", looks_ahead=False), THESIS):
         terms = np.zeros(TERMS)
