@@ -29,10 +29,12 @@ from dohyo.sumo_networks.config import Config
 
 PUBLISHED: Final = MappingProxyType({"variant": "published"})
 NO_LOOK: Final = MappingProxyType({"looks_ahead": False})
+WAITS: Final = MappingProxyType({"drives_off": False})
 ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
     {
         "mbappe": Arm("mbappe", isolates="as shipped", reported=86),
-        "mbappe-no-look": Arm("mbappe", NO_LOOK, isolates="does not look ahead"),
+        "mbappe-waits": Arm("mbappe", WAITS, isolates="may keep a plan to stand for ever"),
+        "mbappe-no-look": Arm("mbappe", MappingProxyType({**WAITS, **NO_LOOK}), isolates="nor looks ahead"),
         "mbappe-before": Arm("mbappe", BEFORE, isolates="nor keeps its lane, nor leaves room to people"),
         "mbappe-thesis": Arm("mbappe", THESIS, isolates="the thesis's planner whole", reported=86),
         "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=92),
@@ -46,7 +48,8 @@ ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
 """Reported: the score of the theses and of Dauner et al. 2023 on nuPlan's Val14, %."""
 SAMPLE: Final = Sample("val14", remainder=0)
 CLAIMS: Final = (
-    Claim("mbappe", ">", "mbappe-no-look", "score"),
+    Claim("mbappe", ">", "mbappe-waits", "score"),
+    Claim("mbappe-waits", ">", "mbappe-no-look", "score"),
     Claim("mbappe-no-look", ">", "mbappe-before", "score"),
     Claim("mbappe", ">", "mbappe-thesis", "score"),
     Claim("pdm-closed", ">", "pdm-no-look", "score"),
