@@ -54,7 +54,7 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
         "choice-q": _mbappe(choice="q"),
         "choice-visits": _mbappe(choice="visits"),
         "value-network": _mbappe(value="network"),
-        "random-shooting": Arm("random-shooting"),
+        "random-shooting": Arm("random-shooting", BEFORE),
         "idm": Arm("idm", reported=76),
         "pdm-closed": Arm("pdm-closed", MappingProxyType({"looks_ahead": False})),
         "pdm-published": Arm("pdm-closed", MappingProxyType({"variant": "published"}), reported=92),
