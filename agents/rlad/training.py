@@ -1,7 +1,8 @@
 """Training of RLAD, of its variants, and of its rivals: one task, one loop, one encoder's size.
 
     dohyo train rlad --config agents/rlad/configs/rlad.toml --out out/rlad/rlad/seed-0
-    dohyo train rlad --config agents/rlad/configs/rlad.toml --set algorithm=drq --set latent.waypoints=plain
+    dohyo train rlad --config agents/rlad/configs/rlad.toml --set algorithm=drq --set latent.waypoints=plain \
+        --set latent.local_mixing=false
 
 Which loss moves what: the critics' loss moves the whole encoder, the actor's loss moves no encoder, the light's loss
 moves the picture's encoder. There is a single encoder: none follows it, targets are of the learned one.

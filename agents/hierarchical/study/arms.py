@@ -10,6 +10,7 @@ from typing import Any
 
 from dohyo.agents.hierarchical.options.manoeuvres import DRIVE, Manoeuvre
 from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.trainer import Trainer
 from dohyo.agents.studies.training_results import run_folder
 from dohyo.agents.trainers import trainer_named
@@ -81,7 +82,7 @@ def trainer_of(policy: str) -> Trainer[Any]:
     return trainer_named(f"hierarchical-{policy}")
 
 
-def config_of(runs: Path, arm: str, seed: int, policy: str, more: tuple[str, ...] = ()) -> Config:
+def config_of(runs: Path, arm: str, seed: int, policy: str, more: tuple[str, ...] = ()) -> RunConfig:
     """Complete configuration of a training.
 
     Args:
@@ -100,5 +101,5 @@ def config_of(runs: Path, arm: str, seed: int, policy: str, more: tuple[str, ...
         options = run_folder(runs, one.options or arm, seed, policy).parent
         given = [f"seed={seed}", *one.master, f"options='{options}'"]
     path = CONFIGS / f"{DRIVE if policy == FLAT else policy}.toml"
-    config: Config = read_settings(trainer_of(policy).config, path, [*given, *more])
+    config: RunConfig = read_settings(trainer_of(policy).config, path, [*given, *more])
     return config

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from dohyo.agents.hierarchical.study import arms
 from dohyo.agents.hierarchical.study.arms import ARMS, FLAT, MASTER, POLICIES, SUB_POLICIES, config_of, trainer_of
+from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.trainer import train_to_the_end
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.curves import draw
@@ -24,7 +25,6 @@ from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study
 from dohyo.agents.studies.training_results import BENCHMARK, find_trainings, read_trainings, run_folder, table
 from dohyo.evaluation.report.pictures import write_page
-from dohyo.sumo_networks.config import Config
 
 SHOWN, DRAWN = ("ghrl", "ghrl-r", "hrl", "flat", "flat-guided", "ghrl-pictures"), ("ghrl", "ghrl-r", "hrl")
 """Arms of the table, and of the picture."""
@@ -67,7 +67,7 @@ def check(options: Options, wanted: Sequence[Cell], workers: int) -> None:
         _config(options, cell)
 
 
-def _config(options: Options, cell: Cell) -> Config:
+def _config(options: Options, cell: Cell) -> RunConfig:
     return config_of(options.runs, cell.arm, cell.training_seed or 0, cell.scenario, options.settings)
 
 

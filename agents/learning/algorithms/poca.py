@@ -173,15 +173,19 @@ class Poca(Ppo):
         action, log_prob = (self._teams(batch[name]).flatten(0, 1) for name in ("action", "action_log_prob"))
         gain, target = (self._teams(batch[name][..., 0]).flatten(0, 1) for name in ("advantage", "value_target"))
         lived = gain[active]
-        gain = (gain - lived.mean()) / lived.std().clamp(min=1e-6)
+        if len(lived) > 1:  # a single one has no variance
+            gain = (gain - lived.mean()) / lived.std().clamp(min=1e-6)
         value = self._teams(batch["state_value"][..., 0]).flatten(0, 1)
         row: dict[str, Number] = {"explained_variance": explained_variance(value[active], target[active])}
 
-        def losses(rows: Tensor) -> dict[str, Tensor]:
+        teams = active.any(dim=1).nonzero().flatten()  # others sit out
+
+        def losses(drawn: Tensor) -> dict[str, Tensor]:
+            rows = teams[drawn]
             seen = {name: one[rows] for name, one in names.items()}
             return self._team_losses(seen, action[rows], log_prob[rows], gain[rows], target[rows], active[rows])
 
-        return row | self._descend(len(active), max(self._config.batch // self._agents, 1), losses)
+        return row | self._descend(len(teams), max(self._config.batch // self._agents, 1), losses)
 
     def _team_losses(
         self,

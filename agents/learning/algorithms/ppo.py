@@ -126,8 +126,14 @@ class Ppo:
             cloning: Imitates demonstrations before the first round.
 
         Raises:
-            InvalidInputError: A picture without an encoder, or settings that do not fit the action space.
+            InvalidInputError: A picture without an encoder, or settings that do not fit the action space or a task
+                without an expert.
         """
+        if (config.guided_share or config.imitated_steps) and not task.has_expert:
+            raise InvalidInputError(
+                f"task '{task.name}' has no expert; expected guided_share and imitated_steps of 0, "
+                f"got {config.guided_share:g} and {config.imitated_steps}"
+            )
         self._collector, self._config, self._device = collector, config, device
         self._intrinsic, self._cloning = intrinsic, cloning
         self.columns = (*type(self).columns, *(name for source in intrinsic for name in source.columns))

@@ -178,8 +178,9 @@ class Collector:
         """
         observation, reward, terminated, truncated, infos = self._answer()
         self._see(observation)
-        active = ~self._over & infos.get("active", True)
         lost = ~self._over & infos.get("lost", False)
+        # A step in which the simulation failed has no outcome to learn from.
+        active = ~self._over & infos.get("active", True) & ~lost
         terminated, truncated = terminated & active, (truncated & active) | lost
         self._count(reward, active)
         cut = self._cuts()
@@ -275,8 +276,9 @@ class Collector:
             self._lost_in_a_row = 0
 
     def _lose(self, rows: BoolArray) -> None:
-        """Counts failures of the infrastructure; a single one does not end the run."""
-        for row in np.flatnonzero(rows).tolist():
+        """Counts failed simulations; a single one does not end the run."""
+        groups = np.flatnonzero(rows.reshape(-1, self.group_size).any(axis=1)) * self.group_size
+        for row in groups.tolist():
             length = int(self._lengths[row])
             where = f"after {length} steps" if length else "at its reset"
             number = int(self._numbers[row])

@@ -100,7 +100,7 @@ class Replay:
         return self._head - self._start
 
     def share(self, source: int) -> float:
-        """Probability that a drawn transition is of a source."""
+        """Probability that a transition is of a source, where no shares are asked for."""
         total = sum(tree.total for tree in self._trees.values())
         return self._trees[source].total / total if source in self._trees and total else 0.0
 

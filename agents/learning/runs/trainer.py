@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from dohyo.agents.learning.files.report import Reporter, no_report
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.runs.run import check_same, stored_config
 from dohyo.sumo_networks.config import Config
 
 C = TypeVar("C", bound=Config)
@@ -46,13 +49,16 @@ class Trainer(Generic[C]):
     train: Callable[[C, TrainRequest], Path]
 
 
-def train_to_the_end(trainer: Trainer[Any], name: str, config: Config, folder: Path) -> None:
-    """Begins or resumes the training of a folder on a task, unless it is finished; for studies.
+def train_to_the_end(trainer: Trainer[Any], name: str, config: RunConfig, folder: Path) -> None:
+    """Begins or resumes the training of a folder on a task, unless it has taken its steps; for studies.
 
     Raises:
         InvalidInputError: The folder holds a training of another trainer or configuration.
         RunStoppedError: The training was stopped.
     """
-    result = folder / "result.json"
-    if not (result.exists() and json.loads(result.read_text())["finished"]):
-        trainer.train(config, TrainRequest(name, folder, (folder / "config.toml").exists(), no_report))
+    stored, result = stored_config(folder, name), folder / "result.json"
+    if stored is not None and result.exists() and json.loads(result.read_text())["finished"]:
+        check_same(stored, config)
+        if read_settings(type(config), stored).steps >= config.steps:
+            return
+    trainer.train(config, TrainRequest(name, folder, stored is not None, no_report))

@@ -1,6 +1,8 @@
 """DrQ-v2: DDPG with twin critics, returns of 3 steps, random shifts and falling noise. Source: Yarats et al. 2022.
 
-Which loss moves what: as in `ddpg`. There is no target actor; the noise of the target's action is clipped.
+Which loss moves what: as in `ddpg`, in one step, so that the actor follows the critics before they move. There is no
+target actor; the noise of the target's action is clipped. Ours: no seed frames beyond `learning_starts`, an update at
+every step, and the sizes below.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
 
 class DrqV2Config(OffPolicyConfig):
-    """Settings; the defaults are the source's, but for sizes that a processor can learn with.
+    """Settings; the defaults are the source's, but for what the module names.
 
     Attributes:
         learning_rate: Of Adam, for everything.
@@ -100,8 +102,10 @@ class DrqV2(OffPolicy[DrqV2Config]):
             return weighted(-self.critics(features, self._smoothed(self.actor(features))).amin(dim=0), batch)
 
     def _smoothed(self, action: Tensor) -> Tensor:
+        """Action with clipped noise; the bound of the action space lets gradients through, as the source's does."""
         clip = self._config.noise_clip
-        return (action + (self.noise * torch.randn_like(action)).clamp(-clip, clip)).clamp(-1.0, 1.0)
+        noisy = action + (self.noise * torch.randn_like(action)).clamp(-clip, clip)
+        return noisy - noisy.detach() + noisy.detach().clamp(-1.0, 1.0)
 
     @property
     def parts(self) -> Mapping[str, Any]:

@@ -16,7 +16,8 @@ from dohyo.agents.learning.algorithms.ppo import Ppo
 from dohyo.sumo_networks.errors import InvalidInputError
 
 ACTIONS = Box(-1.0, 1.0, (2,), np.float32)
-TASK: Any = SimpleNamespace(name="toy", observation_space=Box(-1.0, 1.0, (3,), np.float32), action_space=ACTIONS)
+SEEN = Box(-1.0, 1.0, (3,), np.float32)
+TASK: Any = SimpleNamespace(name="toy", observation_space=SEEN, action_space=ACTIONS, has_expert=True)
 CONFIG = PocaConfig(
     embedding=8, heads=2, hidden=(8,), gamma=0.5, gae_lambda=1.0, squashed=True, epochs=1, batch=4, entropy=0.0
 )
@@ -116,6 +117,16 @@ def test_agents_that_have_ended_teach_the_policy_nothing() -> None:
         assert row["loss_critic"] is not None
         weights.append([weight.detach().clone() for weight in learner.actor.parameters()])
     assert all(torch.allclose(one, other, atol=1e-6) for one, other in zip(*weights, strict=True))
+
+
+def test_teams_that_sit_out_are_in_no_batch() -> None:
+    learner = poca(2, CONFIG.model_copy(update={"batch": 2}))  # a team
+    batch = experience([[0.0, 0.5, 0.0], [0.0, 0.0, 1.0]], lengths=[3, 3])
+    batch["active"][:, :2] = False
+    judge(learner, batch)
+    row = learner._learn(batch)
+    assert learner.updates == 1
+    assert np.isfinite(row["loss_objective"])
 
 
 def test_an_expert_cannot_be_imitated_by_the_critic_of_teams() -> None:

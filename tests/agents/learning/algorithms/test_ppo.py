@@ -22,7 +22,9 @@ from dohyo.agents.learning.algorithms.ppo_config import PpoConfig
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.gymnasium.task import GymnasiumTask
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.learning.tasks.task import Task
 from dohyo.agents.perception.encoders.local_mixing import LEARNING_RATE, LocalMixing
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import BEST_RETURN, STEP, Lock, Point, Sign
@@ -36,7 +38,7 @@ def trained(trainer: Trainer, config: ToyConfig, out: Path) -> list[dict[str, st
         return list(csv.DictReader(file))
 
 
-def learner(task: Point | Lock, **settings: object) -> Ppo:
+def learner(task: Task, **settings: object) -> Ppo:
     torch.manual_seed(0)
     config = PpoConfig(**{"horizon": 64, "hidden": (16, 16), **settings})
     ppo = Ppo(task, Collector(task.make_environments(2, processes=False), task, 0), config, torch.device("cpu"))
@@ -230,6 +232,12 @@ class Picture(Point):
 def test_pictures_need_an_encoder():
     with pytest.raises(InvalidInputError, match="expected an encoder for observation 'observation'"):
         learner(Picture())
+
+
+@pytest.mark.parametrize("asked", [{"guided_share": 0.5}, {"imitated_steps": 60}])
+def test_a_task_without_an_expert_cannot_be_guided(asked):
+    with pytest.raises(InvalidInputError, match="'Pendulum-v1' has no expert; expected guided_share and"):
+        learner(GymnasiumTask("Pendulum-v1"), **asked)
 
 
 def test_squashed_actions_need_bounds_of_one():

@@ -175,6 +175,8 @@ def test_an_episode_whose_simulation_fails_is_cut_off_and_counts_for_nothing(cap
     ends = steps["next", "truncated"].flatten().nonzero().flatten().tolist()
     lengths = np.diff([-1, *ends]).tolist()
     assert set(lengths) == {3, LENGTH}
+    crashed = [end for end, length in zip(ends, lengths, strict=True) if length == 3]
+    assert (~steps["active"][0]).nonzero().flatten().tolist() == crashed, "a crash teaches nothing"
     assert collector.lost_count == lengths.count(3)
     assert [one.length for one in collector.finished()] == [LENGTH] * lengths.count(LENGTH)
     assert "is lost after 2 steps" in caplog.text or "is lost after 3 steps" in caplog.text
@@ -194,6 +196,14 @@ class DoomedEnv(gymnasium.Env[Any, Any]):
 
     def step(self, action: Any) -> Any:
         raise SimulationError("the ground gave way")
+
+
+def test_a_simulation_of_many_agents_that_fails_is_lost_once():
+    collector = collector_of(Point(), rows=2 * MAX_LOST)
+    collector.group_size = MAX_LOST
+    collector.begin()
+    collector._lose(np.arange(2 * MAX_LOST) < MAX_LOST)
+    assert collector.lost_count == 1
 
 
 def test_simulations_that_fail_again_and_again_end_the_run():

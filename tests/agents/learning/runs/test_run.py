@@ -25,7 +25,7 @@ from dohyo.agents.learning.networks.policy import Actor
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.evaluation import Evaluation, Outcome
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop
-from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.learning.runs.trainer import TrainRequest, train_to_the_end
 from dohyo.agents.learning.runs.training import train_task
 from dohyo.service.cli import main
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -141,6 +141,21 @@ def test_a_run_can_go_on_further(folder, monkeypatch, capsys):
     assert after.count("\n") == before.count("\n") + 1
     sessions = json.loads((folder / "run.json").read_text())["sessions"]
     assert [session["from_steps"] for session in sessions] == [0, 1024]
+
+
+def test_a_study_takes_a_finished_run_only_for_what_it_is(folder, tmp_path):
+    out = tmp_path / "arm"
+    shutil.copytree(folder, out)
+    config = read_settings(PointConfig, out / "config.toml")
+    before = (out / "metrics.csv").read_bytes()
+    train_to_the_end(POINT, TOY, config, out)
+    assert (out / "metrics.csv").read_bytes() == before
+    with pytest.raises(InvalidInputError, match="was started with seed = 5, not 6"):
+        train_to_the_end(POINT, TOY, config.model_copy(update={"seed": 6}), out)
+    with pytest.raises(InvalidInputError, match="not of 'another'"):
+        train_to_the_end(POINT, "another", config, out)
+    train_to_the_end(POINT, TOY, config.model_copy(update={"steps": config.steps + 128}), out)
+    assert (out / "metrics.csv").read_bytes().count(b"\n") == before.count(b"\n") + 1
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,10 @@ def test_drq_v2_explores_less_and_less_and_bounds_the_targets_noise(tmp_path: Pa
     assert rival.noise == 1.0
     smoothed = rival._smoothed(torch.zeros(500, 2))
     assert float(smoothed.abs().max()) == pytest.approx(0.3)
+    bold = torch.full((500, 2), 0.95, requires_grad=True)
+    rival._smoothed(bold).sum().backward()
+    assert bold.grad is not None
+    assert (bold.grad == 1.0).all(), "the bound of the action space lets gradients through"
     rival._collector.steps = 50
     assert rival.noise == pytest.approx(0.55)
     rival._collector.steps = 1000
