@@ -6,7 +6,7 @@ import json
 import math
 import random
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,9 +64,9 @@ def run(
     with held(folder, "league"):
         read_league_rows(edition, folder)  # before hours of driving
         for discipline, entrant in chosen:
-            place = out / discipline.name / entrant.folder
+            place, began = out / discipline.name / entrant.folder, surroundings()
             with tell(discipline, entrant) as progress:
-                _replace(folder, edition, _evaluated(discipline, entrant, place, workers, progress))
+                _replace(folder, edition, _evaluated(discipline, entrant, place, workers, progress), began)
 
 
 def _evaluated(discipline: Discipline, entrant: Entrant, out: Path, workers: int, progress: Progress) -> list[Row]:
@@ -103,15 +103,21 @@ def chosen_of(
     return found
 
 
-def _replace(folder: Path, edition: Edition, rows: Sequence[Row]) -> None:
-    """Writes the rows of one evaluation in the place of earlier ones, and the command that made them."""
+def _replace(folder: Path, edition: Edition, rows: Sequence[Row], began: Mapping[str, Any]) -> None:
+    """Writes the rows of one evaluation in the place of earlier ones, and where and when they were begun.
+
+    The same rows again keep what is told of them.
+    """
     path, facts = folder / ROWS, folder / FACTS
     mine = (rows[0]["benchmark"], rows[0]["arm"])
-    kept = [row for row in read_league_rows(edition, folder) if (row["benchmark"], row["arm"]) != mine]
+    stored = read_league_rows(edition, folder)
+    kept = [row for row in stored if (row["benchmark"], row["arm"]) != mine]
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(path, "".join(json.dumps(row) + "\n" for row in (*kept, *rows)).encode())
     evaluations = json.loads(facts.read_text())["evaluations"] if facts.exists() else {}
-    told = {"edition": edition.name, "evaluations": {**evaluations, "/".join(mine): surroundings()}}
+    if len(kept) < len(stored) and [row for row in stored if row not in kept] == list(rows):
+        began = evaluations.get("/".join(mine), began)
+    told = {"edition": edition.name, "evaluations": {**evaluations, "/".join(mine): began}}
     write_atomically(facts, (json.dumps(told, indent=1) + "\n").encode())
 
 

@@ -100,7 +100,7 @@ def _run(name: str, study: Study[Any], given: argparse.Namespace) -> None:
         print("stopped; the same command goes on", file=sys.stderr)
         sys.exit(INTERRUPTED)
     results = read_results(out)
-    lost = len(results.rows) - len(results.kept)
+    lost = sum("lost" in row for row in results.rows)
     print(f"rows: {out}" + (f"; {lost} cells were lost, the same command runs them again" if lost else ""))
 
 

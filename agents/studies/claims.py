@@ -1,8 +1,8 @@
 """Claims: statements that one arm is above or below another, and what the paired rows say about them.
 
 A claim is judged by the differences of its arms on the scenarios that both drove, matched by training. The p-value is
-two-sided, from the crossed bootstrap; all claims of a list are corrected together (Holm 1979), so that the chance of
-any false verdict in the list is at most 5 %. A list of twenty claims without correction has a false one in two of
+two-sided, see `crossed_bootstrap.p_value`; all claims of a list are corrected together (Holm 1979), so that the chance
+of any false verdict in the list is about 5 %. A list of twenty claims without correction has a false one in two of
 three studies.
 
 A claim about trained arms with fewer than three trainings is not resolved, as scenarios of one training say nothing

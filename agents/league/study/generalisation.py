@@ -36,7 +36,7 @@ ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
         "autopilot": Arm("autopilot", isolates="learned nowhere"),
         "ghrl": Arm("ghrl", isolates="town-train, exact state"),
         "priboot": Arm("priboot", isolates="town-train, district, Ingolstadt, Braunschweig; view from above"),
-        "griad": Arm("griad", isolates="town-train, three cameras"),
+        "griad": Arm("griad", isolates="town-train, exact state"),
         "rlfold": Arm("rlfold", isolates="town-train, one camera"),
         "rlad": Arm("rlad", isolates="town-train, one camera"),
     }

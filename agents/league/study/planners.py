@@ -37,10 +37,10 @@ ARMS: Final[Mapping[str, Arm]] = MappingProxyType(
         "mbappe-no-look": Arm("mbappe", MappingProxyType({**WAITS, **NO_LOOK}), isolates="nor looks ahead"),
         "mbappe-before": Arm("mbappe", BEFORE, isolates="nor keeps its lane, nor leaves room to people"),
         "mbappe-thesis": Arm("mbappe", THESIS, isolates="the thesis's planner whole", reported=86),
-        "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=92),
+        "pdm-closed": Arm("pdm-closed", isolates="as shipped", reported=93),
         "pdm-no-look": Arm("pdm-closed", NO_LOOK, isolates="does not look ahead"),
-        "pdm-published": Arm("pdm-closed", PUBLISHED, isolates="as published", reported=92),
-        "pdm-hybrid": Arm("pdm-hybrid", isolates="PDM-Closed, and a learned offset after 2 s", reported=92),
+        "pdm-published": Arm("pdm-closed", PUBLISHED, isolates="as published", reported=93),
+        "pdm-hybrid": Arm("pdm-hybrid", isolates="PDM-Closed, and a learned offset after 2 s", reported=93),
         "idm": Arm("idm", isolates="follows the lane", reported=76),
         "autopilot": Arm("autopilot", isolates="rules of all benchmarks"),
     }
