@@ -28,7 +28,7 @@ DOCUMENT: Final = Path(__file__).with_suffix(".toml")
 THESES: Final[Mapping[str, str]] = {
     "A": "Chekroun 2024: demonstrations in reinforcement learning, tree search, forecasting",
     "B": "Coelho 2024: driving from pictures, few demonstrations",
-    "C": "Albilani 2024: localization, parking, rules over options",
+    "C": "Albilani 2023: localization, parking, rules over options",
 }
 
 
@@ -117,7 +117,7 @@ _HEAD: Final = """# What holds of three theses
 
 The theses compare their systems in twenty-nine ablations. They are repeated here in SUMO, on drives, lots and days that no arm was trained on. {counts}
 
-A claim is *reproduced* or *contradicted* if its paired difference excludes zero after Holm's correction over all claims of its study. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm.
+A claim is *reproduced* or *contradicted* if its paired differences are significant over scenarios and trainings. The level is 5 %, after Holm's correction over all claims of its study. Intervals are not corrected. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm.
 
 This page is made from stored rows: `python -m dohyo.agents.ablations --out docs/ablations.md`."""  # noqa: E501
 
