@@ -8,10 +8,11 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from dohyo.agents.forecasting.registry import CHECKPOINTS
 from dohyo.agents.speed_planning.study.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
 from dohyo.agents.speed_planning.study.mornings import ARMS, drive_morning, morning_place
 from dohyo.agents.studies.arms import Cell
@@ -87,15 +88,14 @@ def evaluate_controller(
     """
     arm, morning, forecaster = controller(benchmark, name, settings)
     seeds = benchmark.seeds if seeds is None else tuple(seeds)
-    source = b"".join(path.read_bytes() for path in source_files(Arm))
-    facts = AgentFacts(name, dict(settings), hashlib.sha256(source).hexdigest())
+    facts = AgentFacts(name, dict(settings), _sources())
     claim(out, benchmark, facts)
     order = dataset_facts(DatasetRequest(days=0, network=benchmark.network))
     versions = {key: str(order[key]) for key in ("dohyo", "sumo", "network_sha256")}
-    untouched = untouched_folder(benchmark, versions)
+    untouched, own = untouched_folder(benchmark, versions), _own_folder(out, facts, forecaster, versions)
     folders = {untouched: (NOBODY, PlannerSettings().forecaster)}
     if arm != NOBODY:
-        folders[out / "runs"] = (arm, forecaster)
+        folders[own] = (arm, forecaster)
     total = len(folders) * len(seeds)
     for number, (folder, (driven, network)) in enumerate(folders.items()):
         work = partial(drive_morning, morning, network)
@@ -106,7 +106,7 @@ def evaluate_controller(
         agent=facts,
         reference=NOBODY,
         metrics=METRICS,
-        units=theirs if arm == NOBODY else _units(out / "runs", arm, seeds),
+        units=theirs if arm == NOBODY else _units(own, arm, seeds),
         reference_units=theirs,
         versions=versions,
     )
@@ -147,9 +147,23 @@ def morning_of(benchmark: TrafficBenchmark) -> Morning:
 
 
 def untouched_folder(benchmark: TrafficBenchmark, versions: Mapping[str, str]) -> Path:
-    """Folder of uncontrolled runs: $DOHYO_HOME/freeway, else in the user's data folder."""
-    decides = {"benchmark": benchmark.sha256, "versions": dict(versions)}
+    """Folder of uncontrolled runs by this code: $DOHYO_HOME/freeway, else in the user's data folder."""
+    decides = {"benchmark": benchmark.sha256, "versions": dict(versions), "sources": _sources()}
     return user_catalog().with_name("freeway") / content_hash(decides)[:16]
+
+
+def _own_folder(out: Path, facts: AgentFacts, forecaster: str, versions: Mapping[str, str]) -> Path:
+    """Folder of a controller's runs: other settings, code or weights never go on with its mornings."""
+    network = Path(forecaster) if Path(forecaster).suffix else CHECKPOINTS / f"{forecaster}.onnx"
+    weights = hashlib.sha256(network.read_bytes()).hexdigest() if network.is_file() else ""
+    decides = {"settings": facts.settings, "sources": facts.sha256, "weights": weights, "versions": dict(versions)}
+    return out / "runs" / content_hash(decides)[:16]
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """SHA-256 of all code that a morning runs."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in source_files(Arm))).hexdigest()
 
 
 def _drive(

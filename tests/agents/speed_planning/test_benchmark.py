@@ -78,6 +78,11 @@ def test_a_night_with_hardly_anybody(
     assert (tmp_path / "out" / RESULT).exists()
     again = evaluate_controller(night, "speed-planner", settings, [0], tmp_path / "out")
     assert again.record_hash == got.record_hash
+    (folder,) = (tmp_path / "out" / "runs").iterdir()
+    (tmp_path / "out" / RESULT).unlink()  # as if it had been interrupted
+    evaluate_controller(night, "speed-planner", settings | {"set_points": "plan"}, [0], tmp_path / "out")
+    other = {path for path in (tmp_path / "out" / "runs").iterdir() if path != folder}
+    assert len(other) == 1, "other settings have mornings of their own"
     nobody = evaluate_controller(night, "none", {}, [0], tmp_path / "nobody")
     assert nobody.units == got.reference_units
     assert kept.read_text() == driven  # driven once for all results
