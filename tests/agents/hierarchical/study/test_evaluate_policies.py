@@ -81,12 +81,12 @@ def test_tables_hold_arms_against_each_other_on_what_both_drove():
         {**Cell(arm, seed, "lights", "held-out", n)._asdict(), "return": base + n, "success": 100.0, "infraction": 0.0}
         for arm, base in (("hrl", 10.0), ("p-20", 20.0))
         for seed in (0, 1, 2)
-        for n in range(4)
+        for n in range(12)
     ]
     means, claims = held_out_tables.tables(Results(rows, {})).split("\n\n")
-    assert means.splitlines()[2].startswith("| lights | hrl | 0, 1, 2 | 11.5 [")
-    assert "| lights | p-20 > hrl | return | +10, +10, +10 | 10.0 [10.0, 10.0] n=12 | 0.001 | reproduced |" in claims
-    assert "| lights | p-20 < hrl | infractions, % | +0, +0, +0 | 0 [0, 0] n=12 | 1.00 | not resolved |" in claims
+    assert means.splitlines()[2].startswith("| lights | hrl | 0, 1, 2 | 15.5 [")
+    assert "| lights | p-20 > hrl | return | +10, +10, +10 | 10.0 [10.0, 10.0] n=36 | 0.001 | reproduced |" in claims
+    assert "| lights | p-20 < hrl | infractions, % | +0, +0, +0 | 0 [0, 0] n=36 | 1.00 | not resolved |" in claims
 
 
 def test_a_missing_training_is_named(runs, tmp_path):
