@@ -11,7 +11,6 @@ from typing import Any, Generic, TypeVar
 from dohyo.agents.learning.files.report import Reporter, no_report
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.runs.config import RunConfig
-from dohyo.agents.learning.runs.run import check_same, stored_config
 from dohyo.sumo_networks.config import Config
 
 C = TypeVar("C", bound=Config)
@@ -56,6 +55,8 @@ def train_to_the_end(trainer: Trainer[Any], name: str, config: RunConfig, folder
         InvalidInputError: The folder holds a training of another trainer or configuration.
         RunStoppedError: The training was stopped.
     """
+    from dohyo.agents.learning.runs.run import check_same, stored_config  # torch is slow to import: only if needed
+
     stored, result = stored_config(folder, name), folder / "result.json"
     if stored is not None and result.exists() and json.loads(result.read_text())["finished"]:
         check_same(stored, config)
