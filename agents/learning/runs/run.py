@@ -43,7 +43,7 @@ PACKAGES = ("dohyo", "torch", "torchrl", "tensordict", "numpy", "gymnasium", "li
 
 
 class RunStoppedError(DohyoError):
-    """A run was stopped; it goes on from its last checkpoint."""
+    """A run was stopped, and has written its checkpoint."""
 
 
 C_co = TypeVar("C_co", bound=BaseRunConfig, covariant=True)
@@ -168,8 +168,8 @@ class Run(Generic[C_co]):
             raise InvalidInputError(f"'{self.folder}' holds a run; continue with --resume, or choose another --out")
         if resume and stored is None:
             raise InvalidInputError(f"no run in '{self.folder}' to continue")
-        if stored is not None:
-            check_same(stored, self.config, free)
+        if stored is not None and (changed := differences(read_settings(type(self.config), stored), self.config, free)):
+            raise InvalidInputError(f"the run in '{self.folder}' was started with {'; '.join(changed)}")
 
 
 TaskRun = Run[RunConfig]
@@ -188,12 +188,6 @@ def stored_config(folder: Path, trainer: str) -> Path | None:
     if (other := json.loads((folder / "run.json").read_text())["trainer"]) != trainer:
         raise InvalidInputError(f"the run in '{folder}' is of '{other}', not of '{trainer}'")
     return stored
-
-
-def check_same(stored: Path, config: BaseRunConfig, free: frozenset[str] = FREE) -> None:
-    """Raises InvalidInputError if a run was started with other settings than these; those in `free` may differ."""
-    if changed := differences(read_settings(type(config), stored), config, free):
-        raise InvalidInputError(f"the run in '{stored.parent}' was started with {'; '.join(changed)}")
 
 
 class Stop:

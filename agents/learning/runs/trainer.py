@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from dohyo.agents.learning.files.report import Reporter, no_report
-from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.files.settings import differences, read_settings
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 C = TypeVar("C", bound=Config)
 
@@ -55,11 +56,13 @@ def train_to_the_end(trainer: Trainer[Any], name: str, config: RunConfig, folder
         InvalidInputError: The folder holds a training of another trainer or configuration.
         RunStoppedError: The training was stopped.
     """
-    from dohyo.agents.learning.runs.run import check_same, stored_config  # torch is slow to import: only if needed
+    from dohyo.agents.learning.runs.run import FREE, stored_config  # torch is slow to import: only if needed
 
     stored, result = stored_config(folder, name), folder / "result.json"
     if stored is not None and result.exists() and json.loads(result.read_text())["finished"]:
-        check_same(stored, config)
-        if read_settings(type(config), stored).steps >= config.steps:
+        before = read_settings(type(config), stored)
+        if changed := differences(before, config, FREE):
+            raise InvalidInputError(f"the run in '{folder}' was started with {'; '.join(changed)}")
+        if before.steps >= config.steps:
             return
     trainer.train(config, TrainRequest(name, folder, stored is not None, no_report))

@@ -43,16 +43,6 @@ def test_a_table_given_in_part_keeps_the_rest_of_its_default(tmp_path):
     assert (config.ppo.hidden, config.ppo.clip) == ((4,), 0.1)
 
 
-class Outer(PpoRunConfig):
-    inner: Small = Small(ppo=PpoConfig(hidden=(7,), clip=0.3))
-
-
-def test_a_table_in_a_table_keeps_the_rest_of_what_the_outer_one_made_its_default(tmp_path):
-    for path, overrides in ((written(tmp_path, "[inner.ppo]\nclip = 0.1\n"), []), (None, ["inner.ppo.clip=0.1"])):
-        ppo = read_settings(Outer, path, overrides).inner.ppo
-        assert (ppo.hidden, ppo.clip) == ((7,), 0.1)
-
-
 @pytest.mark.parametrize(
     ("text", "overrides", "message"),
     [
