@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import torch
 from gymnasium.spaces import Dict
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from dohyo.agents.learning.policies.exact import DECIMALS
@@ -34,12 +35,13 @@ def export_exact(policy: Exportable, space: Dict, path: Path, facts: Mapping[str
 
 def export_running(policy: Exportable, runs: Exportable, space: Dict, path: Path, facts: Mapping[str, str]) -> None:
     """As `export`, with the weights of a policy as it is trained, and an ONNX model of what computes it."""
-    export(policy, space, path, facts)
+    weights = {name: one.detach().cpu().contiguous() for name, one in cast(nn.Module, policy).state_dict().items()}
     with TemporaryDirectory() as folder:
         made = Path(folder) / path.name
         export(runs, space, made, facts)
         model = f"{path.name}.onnx"
-        write_atomically(path.with_name(model), made.with_name(model).read_bytes())
+        write_atomically(path.with_name(model), made.with_name(model).read_bytes())  # first, see `export`
+    write_atomically(path.with_name(f"{path.name}.safetensors"), save(weights, {**policy.facts(), **facts}))
 
 
 class ExactPolicy(nn.Module):

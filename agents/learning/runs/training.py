@@ -22,6 +22,7 @@ from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task, named
+from dohyo.sumo_networks.files import write_atomically
 
 
 class Learner(Protocol):
@@ -193,18 +194,20 @@ class _Session:
         row = {"updates": self._learner.updates, **evaluation.values()}
         self._run.log("evaluations", steps, row)
         self._last = {"steps": steps, **row}
-        self._ship("policy")
-        if not self._best or evaluation.better_than(self._best, self._run.config.best_by):
-            self._best = self._last
-            self._ship("best")
+        best = not self._best or evaluation.better_than(self._best, self._run.config.best_by)
+        self._best = self._last if best else self._best
+        self._ship(best)
         self._write_result(finished=False)
 
-    def _ship(self, model: str) -> None:
-        """Writes the policy of the last evaluation, and its card."""
-        space = named(self._task.observation_space)
-        export_exact(self._learner.policy, space, self._run.folder / model, self._facts(self._last))
-        metrics = {name: value for name, value in self._last.items() if name != "steps"}
-        self._run.write_card(model, self._task.name, self._collector.steps, metrics)
+    def _ship(self, best: bool) -> None:
+        """Writes the policy of the last evaluation as `policy`, and as `best` where none was better, with cards."""
+        folder, metrics = self._run.folder, {name: value for name, value in self._last.items() if name != "steps"}
+        facts = self._facts(self._last)
+        export_exact(self._learner.policy, named(self._task.observation_space), folder / "policy", facts)
+        for suffix in (".onnx", ".safetensors") if best else ():
+            write_atomically(folder / f"best{suffix}", (folder / f"policy{suffix}").read_bytes())
+        for model in ("policy", "best") if best else ("policy",):
+            self._run.write_card(model, self._task.name, self._collector.steps, metrics)
 
     def _save(self) -> None:
         self._saved = self._collector.steps
