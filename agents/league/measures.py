@@ -17,7 +17,7 @@ class Measure:
         title: Name for people, with its unit.
         families: Families whose rows have it.
         lower: Whether lower values are better.
-        share: Whether each drive has 0 or 100.
+        share: Whether a drive of one vehicle has 0 or 100.
         digits: Decimals.
     """
 
@@ -36,11 +36,11 @@ _FREEWAY: Final = (Family.FREEWAY,)
 MEASURES: Final[Mapping[str, Measure]] = {
     "driving_score": Measure("driving score", _DRIVING),
     "nocrash_success": Measure("success without a collision, %", _DRIVING, share=True),
-    "success": Measure("success, %", _DRIVING + _PARKING),
+    "success": Measure("success, %", _DRIVING + _PARKING, share=True),
     "route_completion": Measure("route completion, %", _DRIVING),
     "irs": Measure("infraction rate score", _DRIVING),
     "closed_loop": Measure("closed-loop score", _DRIVING),
-    "aligned": Measure("aligned, % of successes", _PARKING),
+    "aligned": Measure("aligned, % of successes", _PARKING, share=True),
     "time_s": Measure("time, s", _PARKING, lower=True),
     "mse": Measure("MSE x 1000", _FORECASTING, lower=True, digits=2),
     "speed_std_mps": Measure("deviation of all speeds, m/s", _FREEWAY, lower=True, digits=2),

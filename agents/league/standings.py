@@ -96,4 +96,5 @@ def mean_of(rows: Sequence[Row], arm: str, measure: str) -> Estimate:
     values = _values(rows, arm, measure)
     if not values:
         return Estimate(None, None, None, 0)
-    return estimate(values, of_shares if MEASURES[measure].share else mean_estimate)
+    single = all(one in (0.0, 100.0) for seeds in values.values() for one in seeds.values())  # not several karts' mean
+    return estimate(values, of_shares if MEASURES[measure].share and single else mean_estimate)

@@ -44,7 +44,7 @@ def judged(policy: Policy | None, benchmark: str, block: int) -> Row:
     ended = {name: 100.0 * float((results.outcome == outcome).mean()) for name, outcome in _ENDS.items()}
     return {
         **ended,
-        "aligned": 100.0 * float(results.aligned.sum()) / parked if parked else 0.0,
+        "aligned": 100.0 * float(results.aligned.sum()) / parked if parked else None,
         "time_s": float(results.time_s[results.success].mean()) if parked else None,
         "inclination_deg": float(np.degrees(np.median(results.inclination_rad[results.success]))) if parked else None,
     }
