@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -11,6 +11,7 @@ from typing import Final
 from dohyo.agents.gri.training import GriRunConfig
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.gymnasium.task import GymnasiumConfig
+from dohyo.agents.studies.arms import TRAININGS
 
 _ALL: Final = ("device=cpu", "tensorboard=false", "tier=2")
 
@@ -25,6 +26,7 @@ class Problem:
         sizes: Settings of each algorithm, without its name.
         expert: Settings of the expert's training by SAC; None: the task has its own.
         shown: Number of demonstrations.
+        trainings: Their seeds, of each arm.
     """
 
     env: str
@@ -32,12 +34,15 @@ class Problem:
     sizes: tuple[str, ...]
     expert: tuple[str, ...] | None
     shown: int = 20
+    trainings: Sequence[int] = TRAININGS
 
     def sized(self, algorithm: str) -> tuple[str, ...]:
         """Settings of one algorithm."""
         return tuple(f"{algorithm}.{setting}" for setting in self.sizes)
 
 
+_MANY: Final = range(10)
+"""Where a training takes minutes: three resolve nothing, for they differ as much as the arms do."""
 _CHEETAH_SIZES: Final = ("hidden=[128,128]", "batch=128", "learning_rate=1e-3", "replay.capacity=200000")
 _DRIVING_SIZES: Final = (
     "hidden=[128,128]", "batch=32", "learning_rate=5e-4", "gamma=0.97", "updates_per_step=0.25", "target_every=250",
@@ -61,12 +66,14 @@ PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
             ("steps=4000", "evaluate_every=500", "checkpoint_every=2000", "episodes=10"),
             ("hidden=[64,64]", "batch=64", "learning_rate=1e-3", "replay.capacity=50000", "round_steps=500"),
             ("steps=5000", "evaluate_every=2500", "checkpoint_every=5000", "sac.round_steps=1000"),
+            trainings=_MANY,
         ),
         "cheetah": Problem(
             "HalfCheetah-v5",
             ("steps=15000", "evaluate_every=2500", "checkpoint_every=5000", "episodes=5"),
             (*_CHEETAH_SIZES, "learning_starts=1000", "round_steps=500"),
             ("steps=60000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=5", "sac.round_steps=1000"),
+            trainings=_MANY,
         ),
         "driving": Problem(
             "driving-state",

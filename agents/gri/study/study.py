@@ -24,7 +24,7 @@ from dohyo.agents.gri.study.tables import CURVE, LAST, expert_of
 from dohyo.agents.gri.training import GRI, GriRunConfig, task_of
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.learning.runs.trainer import train_to_the_end
-from dohyo.agents.studies.arms import TRAININGS, Cell
+from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Study
@@ -42,7 +42,7 @@ def cells(options: Options) -> list[Cell]:
     found = []
     for name, arm in ARMS.items():
         steps = evaluated_at(arm.config(0, Path()))
-        for training in TRAININGS:
+        for training in PROBLEMS[arm.problem].trainings:
             found += [Cell(name, training, f"{arm.problem}, {LAST}", f"episode-{seed}", seed) for seed in JUDGED]
             found += [Cell(name, training, f"{arm.problem}, {CURVE}", f"step-{step}", step) for step in steps]
     for problem in PROBLEMS:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from dohyo.agents.gri.study.arms import ARMS, PROBLEMS
 from dohyo.agents.studies.claims import Claim, above, of_ablation
-from dohyo.agents.studies.rows import Row, by_arm, grouped
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training
+from dohyo.agents.studies.rows import Row, by_arm, grouped, matched
 from dohyo.agents.studies.study import Results, judging
 from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.evaluation.report.style import MISSING, markdown
@@ -100,5 +101,12 @@ def _at(row: Row, place: str) -> bool:
     return benchmark == f"{problem}, {CURVE}" and bool(0 < row["seed"] <= row["steps"] / 3)
 
 
-judged = judging(CLAIMS, at=_at)
+def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
+    """Values by episode; the evaluations of a warm-up are one value of each training."""
+    found = matched(rows, arm, measure)
+    warm_up = any(benchmark.endswith(CURVE) for benchmark, *_ in found)
+    return {(EARLY,): by_training(found)} if warm_up else found
+
+
+judged = judging(CLAIMS, at=_at, values=_values)
 claims = claims_section(judged, ("claim", "on", "measure"))
