@@ -75,7 +75,7 @@ class DrawnConfig(RladRunConfig):
     steps: int = 120
     processes: int = 0
     environments: int = 2
-    evaluate_every: int = 60
+    evaluate_every: int = 120
     checkpoint_every: int = 20
     tensorboard: bool = False
     device: str = "cpu"
