@@ -11,12 +11,19 @@ from typing import Final
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 
 EXACT: Final = 14
 """Number of differences up to which all signs are tried."""
 FLIPS: Final = 20_000
 SEED: Final = 0
+LEVEL: Final = 0.05
+_CERTAIN: Final = 2.8
+"""Sums that are as many standard deviations from 0 are beyond `LEVEL`: 2 exp(-2.8^2 / 2) is 0.04 (Hoeffding 1963).
+
+Those within one are not: at least 7 of 32 flips are as far (Dvořák and Tiep 2020).
+"""
+_BLOCK: Final = 64  # rows whose flips are in memory at once
 _TOLERANCE: Final = 1e-9  # relative; the last bits of a sum depend on its order
 
 
@@ -28,14 +35,39 @@ def sign_flips(differences: FloatArray) -> float:
     Source: Fisher 1935; Phipson and Smyth 2010 for drawn signs.
     """
     changed = differences[differences != 0.0]
-    if not len(changed):
-        return 1.0
-    least = abs(math.fsum(changed)) * (1.0 - _TOLERANCE)
-    if len(changed) <= EXACT:
-        bits = np.arange(2 ** len(changed))[:, None] >> np.arange(len(changed)) & 1
-        return float(np.mean(np.abs((1.0 - 2.0 * bits) @ changed) >= least))
-    signs = np.random.default_rng(SEED).integers(0, 2, size=(FLIPS, len(changed))) * 2.0 - 1.0
-    return float((1 + np.count_nonzero(np.abs(signs @ changed) >= least)) / (FLIPS + 1))
+    return float(_flipped(changed[None])[0]) if len(changed) else 1.0
+
+
+def differ(table: FloatArray) -> BoolArray:
+    """(K,) whether the p-value of `sign_flips` is below `LEVEL`, for each row of (K, N) differences."""
+    found = np.zeros(len(table), dtype=np.bool_)
+    counts, squares = np.count_nonzero(table, axis=1), np.square(table).sum(axis=1)
+    # |sum| in its standard deviations under flipped signs; far sums need no flips.
+    apart = np.abs(table.sum(axis=1)) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+    found[(counts > EXACT) & (apart > _CERTAIN)] = True
+    open_ = (counts > 0) & ~found & (apart >= 1.0)
+    for count in np.unique(counts[open_]).tolist():
+        rows = np.flatnonzero(open_ & (counts == count))
+        changed = table[rows]
+        found[rows] = _flipped(changed[changed != 0.0].reshape(len(rows), count)) < LEVEL
+    return found
+
+
+def _flipped(rows: FloatArray) -> FloatArray:
+    """(R,) p-values of (R, N) differences, none of which is 0."""
+    n = rows.shape[1]
+    drawn = n > EXACT
+    if drawn:
+        signs = np.random.default_rng(SEED).integers(0, 2, size=(FLIPS, n)) * 2.0 - 1.0
+    else:
+        signs = 1.0 - 2.0 * (np.arange(2**n)[:, None] >> np.arange(n) & 1)
+    least = np.array([abs(math.fsum(row)) for row in rows]) * (1.0 - _TOLERANCE)
+    found = np.empty(len(rows))
+    for start in range(0, len(rows), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        hits = np.count_nonzero(np.abs(rows[block] @ signs.T) >= least[block, None], axis=1)
+        found[block] = (1 + hits) / (FLIPS + 1) if drawn else hits / len(signs)
+    return found
 
 
 def random_effects(table: FloatArray) -> float:

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
 
+from dohyo.evaluation.significance import differ
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -52,7 +52,8 @@ class Comparison:
     Attributes:
         difference: Mean of a - b, with its interval.
         probability: P(a > b), the share of resamples in which that mean is above 0.
-        verdict: ">" or "<" if the interval excludes 0, a significant difference; else "=".
+        verdict: ">" or "<" where flipped signs tell the mean from 0 at 5 %, a significant difference; else "=". Fewer
+            than six pairs show none, whatever their interval.
     """
 
     difference: Estimate
@@ -151,16 +152,14 @@ def paired(a: Sequence[float], b: Sequence[float], *, n_resamples: int = N_RESAM
     n = len(columns)
     if n == 0:
         raise InvalidInputError("expected at least one matched pair, got none")
-    differences = np.sort(columns[:, 0] - columns[:, 1])[:, None]
-    means = _resampled_sums(differences, n_resamples, seed)[:, 0] / n
-    difference = _estimate(math.fsum(differences[:, 0]) / n, means, n)
-    return Comparison(difference, float(np.mean(means > 0.0)), _verdict(difference))
+    differences = np.sort(columns[:, 0] - columns[:, 1])
+    means = _resampled_sums(differences[:, None], n_resamples, seed)[:, 0] / n
+    difference = _estimate(math.fsum(differences) / n, means, n)
+    return Comparison(difference, float(np.mean(means > 0.0)), _verdict(differences))
 
 
 def significantly_below(best: FloatArray, others: FloatArray) -> BoolArray:
     """(k,) whether the verdict of `paired(other, best)` is "<", for many others at once.
-
-    The resamples are those of `paired`; their sums are matrix products, which round differently in the last digits.
 
     Args:
         best: (n,) values of one agent.
@@ -171,26 +170,9 @@ def significantly_below(best: FloatArray, others: FloatArray) -> BoolArray:
     """
     if others.ndim != 2 or others.shape[1] != len(best):
         raise InvalidInputError(f"expected (k, {len(best)}) values, got {others.shape}")
-    if len(best) < 2:
-        return np.zeros(len(others), dtype=np.bool_)
     differences = np.sort(others - best, axis=1)
-    sums = differences @ _weights(len(best))
-    # The quantile lies between two neighbours of the sorted sums; their number of negative ones tells most signs.
-    first, negative = math.floor(_TAILS[1] * (N_RESAMPLES - 1)), np.count_nonzero(sums < 0.0, axis=1)
-    below: BoolArray = negative > first
-    (between,) = np.nonzero(negative == first + 1)
-    below[between] = np.quantile(sums[between], _TAILS[1], axis=1) < 0.0
+    below: BoolArray = (differences.sum(axis=1) < 0.0) & differ(differences)
     return below
-
-
-@lru_cache(maxsize=8)
-def _weights(n: int) -> FloatArray:
-    """(n, N_RESAMPLES) how often each of n values is in each resample of `_resampled_sums`."""
-    weights = np.empty((N_RESAMPLES, n))
-    for start, rows in _resamples(n, N_RESAMPLES, SEED):
-        flat = rows + n * np.arange(len(rows))[:, None]
-        weights[start : start + len(rows)] = np.bincount(flat.ravel(), minlength=rows.size).reshape(rows.shape)
-    return np.ascontiguousarray(weights.T)
 
 
 def _columns(*columns: Sequence[float]) -> FloatArray:
@@ -228,9 +210,7 @@ def _estimate(mean: float, resampled: FloatArray, n: int) -> Estimate:
     return Estimate(mean, float(low), float(high), n)
 
 
-def _verdict(difference: Estimate) -> Verdict:
-    if difference.low is not None and difference.low > 0.0:
-        return ">"
-    if difference.high is not None and difference.high < 0.0:
-        return "<"
-    return "="
+def _verdict(differences: FloatArray) -> Verdict:
+    if not differ(differences[None])[0]:
+        return "="
+    return ">" if math.fsum(differences) > 0.0 else "<"

@@ -28,8 +28,12 @@ _BEFORE: Final = ("steps=20000", _UNSCALED)
 """The configuration before A-LIX was scaled."""
 
 
-def _rival(algorithm: str, reported: Reported) -> DrivingArm:
-    return DrivingArm("a rival", PICTURES, (_THIRD, f"algorithm={algorithm}", *_PLAIN), reported)
+_EARLIER: Final = ("drq_v2.noise_steps=1500", "drq_v2.learning_rate=1e-3")
+"""DrQ-v2's noise ends after as much of the training as in its source; it learns at the rate of the others."""
+
+
+def _rival(algorithm: str, reported: Reported, *more: str) -> DrivingArm:
+    return DrivingArm("a rival", PICTURES, (_THIRD, f"algorithm={algorithm}", *_PLAIN, *more), reported)
 
 
 def _part(isolates: str, setting: str, reported: Reported) -> DrivingArm:
@@ -56,7 +60,7 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "sac-ae": _rival("sac-ae", Reported(82.0, 42.0, 6.0)),
         "curl": _rival("curl", Reported(74.0, 30.0, 2.0)),
         "drq": _rival("drq", Reported(94.0, 42.0, 10.0)),
-        "drq-v2": _rival("drq-v2", Reported(10.0, 8.0, 0.0)),
+        "drq-v2": _rival("drq-v2", Reported(10.0, 8.0, 0.0), *_EARLIER),
         "small-encoder": _part("0.06 M encoder", "latent.layers=[[8, 4], [16, 2], [8, 1]]", Reported()),
         "large-encoder": _part("1.4 M encoder", "latent.layers=[[48, 4], [96, 2], [192, 1]]", Reported()),
         "one-route": DrivingArm("one route, again and again", PICTURES, _ONE_ROUTE),
