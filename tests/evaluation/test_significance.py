@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, permutation_test, ttest_1samp
 
-from dohyo.evaluation.significance import EXACT, random_effects, sign_flips
+from dohyo.evaluation.significance import EXACT, LEVEL, differ, random_effects, sign_flips
 
 
 def table(rng: np.random.Generator, n: int, k: int, scenarios: float, trainings: float) -> np.ndarray:
@@ -69,3 +69,20 @@ def test_holes_are_filled_by_rows_and_columns() -> None:
     holed = additive.copy()
     holed[0, 0] = holed[3, 2] = np.nan
     assert random_effects(holed) == pytest.approx(random_effects(additive), rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 5, EXACT, EXACT + 1, 70])
+def test_many_rows_at_once_are_decided_as_each_alone(count: int) -> None:
+    rng = np.random.default_rng(count)
+    rows = rng.normal(rng.uniform(-1.0, 1.0, (200, 1)) / count**0.5 * 3.0, 1.0, (200, count))
+    rows[rng.random(rows.shape) < 0.2] = 0.0
+    decided = differ(rows)
+    assert decided.tolist() == [sign_flips(row) < LEVEL for row in rows]
+    assert count < 6 or 20 < decided.sum() < 180
+
+
+def test_two_large_differences_against_each_other_decide_nothing() -> None:
+    rows = np.full((2, 40), 1e-3)
+    rows[1, :2] = 100.0, -100.0
+    assert differ(rows).tolist() == [True, False]
+    assert differ(np.zeros((1, 5))).tolist() == [False]

@@ -110,6 +110,19 @@ def test_many_comparisons_at_once_have_the_verdicts_of_single_ones() -> None:
     assert 10 < sum(below) < 50
 
 
+@pytest.mark.parametrize("drives", [2, 4, 8, 18])
+def test_verdicts_without_a_difference_are_one_in_twenty_at_most(drives: int) -> None:
+    sample = np.random.default_rng(drives).normal(0.0, 1.0, (400, drives))
+    zeros = [0.0] * drives
+    assert np.mean([paired(row.tolist(), zeros).verdict != "=" for row in sample]) < 0.08
+
+
+@pytest.mark.parametrize(("better", "verdict"), [(4, "="), (5, "="), (6, ">")])
+def test_a_few_more_successes_among_many_drives_decide_nothing(better: int, verdict: str) -> None:
+    successes = [100.0] * better + [0.0] * (150 - better)
+    assert paired(successes, [0.0] * 150).verdict == verdict
+
+
 def test_one_pair_decides_nothing() -> None:
     comparison = paired([100.0], [0.0])
     assert comparison.difference == Estimate(100.0, None, None, 1)
