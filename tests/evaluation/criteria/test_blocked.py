@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 
 from dohyo.evaluation.criteria.blocked import Blocked
 from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.sumo_networks.world import ActorKind
+from dohyo.sumo_networks.world import ActorKind, EventPhase, EventState
 from tests.worlds import Speed, kinds, run, straight_road
 
 
@@ -62,6 +63,27 @@ def test_a_queue_that_never_moves_again_is_a_gridlock_and_not_the_agents() -> No
     assert infraction.kind.specification.ends is Status.GRIDLOCK
     assert Status.GRIDLOCK.infrastructure_fault
     assert not Status.GRIDLOCK.worth_another_try
+
+
+QUEUE = straight_road().with_ego(x=50).with_actor(x=55, speed=stops_after(3.0))
+
+
+def test_a_queue_before_a_static_object_is_the_agents_to_pass() -> None:
+    scene = QUEUE.with_actor(x=95, kind=ActorKind.STATIC)
+    assert kinds(run(scene, Blocked(), seconds=185)) == [InfractionKind.BLOCKED]
+    beside = QUEUE.with_actor(x=95, left=3.2, kind=ActorKind.STATIC)
+    assert kinds(run(beside, Blocked(), seconds=185)) == [InfractionKind.GRIDLOCK]
+    behind = QUEUE.with_actor(x=35, kind=ActorKind.STATIC)
+    assert kinds(run(behind, Blocked(), seconds=185)) == [InfractionKind.GRIDLOCK]
+
+
+@pytest.mark.parametrize(("ego", "kind"), [(0, InfractionKind.BLOCKED), (1, InfractionKind.GRIDLOCK)])
+def test_so_is_one_before_an_actor_of_its_own_events(ego: int, kind: InfractionKind) -> None:
+    worlds = QUEUE.with_actor(x=95).worlds(185)
+    key = next(key for key in worlds[0].actors.key.tolist() if worlds[0].name_of(key) == "actor1")
+    event = EventState("crash", "crash", ego, EventPhase.WAITING, math.nan, math.nan, (key,), math.nan)
+    scripted = [dataclasses.replace(world, events=(event,)) for world in worlds]
+    assert kinds(run(scripted, Blocked())) == [kind]
 
 
 @pytest.mark.parametrize(
