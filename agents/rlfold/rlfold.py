@@ -39,6 +39,7 @@ class RlfoldConfig(SacConfig):
         imitation: Likelihood under sigma_IL, squared error (without a second deviation), or none.
         imitated: Components of the action that are imitated.
         imitation_weight: Of its loss.
+        bounded: Whether the mean is in [-1, 1] before the squashing, as in the release; see `TwoDeviationsHead`.
         gate: Who drives: the expert where sigma_RL of the speed exceeds `threshold`, or in a random `expert_share` of
             the steps, or never.
         threshold: u of the thesis.
@@ -55,6 +56,7 @@ class RlfoldConfig(SacConfig):
     imitation: Literal["likelihood", "squared", "none"] = "likelihood"
     imitated: Literal["speed", "speed-and-steering"] = "speed"
     imitation_weight: Annotated[float, Field(ge=0)] = 1.0
+    bounded: bool = False
     gate: Literal["uncertainty", "share", "never"] = "uncertainty"
     threshold: Annotated[float, Field(gt=0)] = 0.8
     expert_share: Share = 0.3
@@ -110,7 +112,7 @@ class Rlfold(Sac):
 
     def make_actor(self, features: int) -> TwoDeviationsHead:
         """See `Sac`; the imitation's loss is of this actor."""
-        actor = TwoDeviationsHead(features, self._unit.size, self._config.hidden)
+        actor = TwoDeviationsHead(features, self._unit.size, self._config.hidden, self._config.bounded)
         if self._config.imitation != "none":
             self.auxiliary.append(Imitation(actor.imitating, self._unit, self._config))
         return actor

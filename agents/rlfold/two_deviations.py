@@ -3,7 +3,8 @@
 The action is tanh(mean + sigma_RL noise), as in SAC. An expert's action is judged by a Gaussian around tanh(mean) with
 sigma_IL, truncated to [-1, 1], so that a policy can be unsure of the expert and sure of itself.
 
-Source: Coelho 2024, section 4.2; the truncated Gaussian and its bounds are the author's release.
+Source: Coelho 2024, section 4.2, and the author's release for the bounds of sigma_IL. The release judges by the density
+of a plain Gaussian; ours is the truncated one's.
 """
 
 from __future__ import annotations
@@ -24,18 +25,25 @@ _ROOT_2, _LOG_ROOT_TAU = math.sqrt(2.0), 0.5 * math.log(2.0 * math.pi)
 
 
 class TwoDeviationsHead(GaussianHead):
-    """Features -> mean, and the logarithm of sigma_RL; `imitating` gives tanh(mean) and sigma_IL."""
+    """Features -> mean, and the logarithm of sigma_RL; `imitating` gives tanh(mean) and sigma_IL.
 
-    def __init__(self, features: int, actions: int, hidden: Sequence[int]) -> None:
+    A bounded mean is itself in [-1, 1] before the squashing, as in the release: tanh(tanh(mean) + sigma_RL noise). An
+    unbounded one is pushed far out by labels at a bound, where the squashing hides any deviation.
+    """
+
+    def __init__(self, features: int, actions: int, hidden: Sequence[int], bounded: bool = False) -> None:
         """See `GaussianHead`."""
         super().__init__(features, actions, hidden)
-        self.body = mlp((features, *hidden, 3 * actions))
-        self._actions = actions
+        self.body, self._bounded = mlp((features, *hidden, 3 * actions)), bounded
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """(B, F) -> (B, A) mean, (B, A) logarithm of sigma_RL."""
         mean, log_std, _ = self.body(features).chunk(3, dim=-1)
-        return mean, log_std.clamp(*LOG_STD)
+        return mean.tanh() if self._bounded else mean, log_std.clamp(*LOG_STD)
+
+    def centre(self, features: Tensor) -> Tensor:
+        """See `GaussianHead`; a bounded mean is not squashed twice."""
+        return self.imitating(features)[0]
 
     def imitating(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """(B, F) -> (B, A) tanh(mean), (B, A) sigma_IL."""

@@ -75,8 +75,7 @@ class SacPolicy(nn.Module):
 
     def forward(self, observation: Mapping[str, Tensor]) -> Tensor:
         """(B, ...) by name -> (B, A)."""
-        mean, _ = self.head(self.encoder(observation))
-        return self.space.inverse(mean.tanh())
+        return self.space.inverse(self.head.centre(self.encoder(observation)))
 
     def facts(self) -> Mapping[str, str]:
         """See `Exportable`."""

@@ -124,6 +124,12 @@ class GaussianHead(nn.Module):
         mean, log_std = self.body(features).chunk(2, dim=-1)
         return mean, log_std.clamp(*LOG_STD)
 
+    def centre(self, features: Tensor) -> Tensor:
+        """(B, F) -> (B, A) the action without exploration, in [-1, 1]."""
+        mean, _ = self(features)
+        action: Tensor = mean.tanh()
+        return action
+
 
 class DeterministicHead(nn.Module):
     """Features -> action in [-1, 1]^A."""

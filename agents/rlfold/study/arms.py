@@ -17,6 +17,7 @@ _ROOM: Final = Path(__file__).parents[1] / "configs"
 PICTURES, TWIN = _ROOM / "rlfold.toml", _ROOM / "twin.toml"
 _NEVER: Final = "rlfold.gate=never"
 _LAWFUL: Final = "town.obey_lights=true"
+_BOUNDED: Final = "rlfold.bounded=true"
 _SCALED: Final = "latent.scaled_mixing=true"
 
 _ARMS: Final[Mapping[str, DrivingArm]] = {
@@ -33,11 +34,13 @@ _ARMS: Final[Mapping[str, DrivingArm]] = {
     "autopilot": DrivingArm("the autopilot's target speed", PICTURES, ("expert.name=autopilot",)),
     "priboot": DrivingArm("PRIBOOT's target speed", PICTURES, ("expert.name=priboot",)),
     "as-released": DrivingArm("stands at a target of 0 alone", PICTURES, ("town.stand_below=0",)),
+    "bounded": DrivingArm("the mean bounded, as released", PICTURES, (_BOUNDED,)),
     "lawful": DrivingArm("lights and stop signs count", PICTURES, (_LAWFUL,)),
     "lawful-scaled": DrivingArm("lights count, A-LIX scaled to small maps", PICTURES, (_LAWFUL, _SCALED)),
 }
 _OF_TWIN: Final = (
     "full", "no-expert", "one-deviation", "never", "share", "far-sighted", "steering", "noisy", "as-released", "lawful",
+    "bounded",
 )  # fmt: skip
 
 
@@ -65,6 +68,8 @@ CLAIMS: Final = (
         *(Claim(left, ">", right, "success", "regular") for left, right in pairwise(_ORDER)),
         *(Claim(f"twin-{left}", ">", f"twin-{right}", "return", TRAINING) for left, right in pairwise(_ORDER)),
         Claim("twin-full", ">", "twin-far-sighted", "return", TRAINING),
+        Claim("twin-bounded", ">", "twin-full", "return", TRAINING),
+        Claim("twin-bounded", ">", "twin-no-expert", "return", TRAINING),
         *above("empty-full", "empty-no-expert", "empty-far-sighted", measure="success", where="empty"),
     ),
     *of_ablation(18, *above("full", "steering", "noisy", measure="success", where="regular")),

@@ -18,7 +18,7 @@ from dohyo.agents.perception.encoders.rlad import RladEncoder
 from dohyo.agents.perception.encoders.waypoints import WayConv1D
 from dohyo.agents.rlfold.rlfold import DEVIATION, Rlfold, RlfoldConfig
 from dohyo.agents.rlfold.training import TOWN, RlfoldRunConfig, augmentation
-from dohyo.agents.rlfold.two_deviations import truncated_log_density
+from dohyo.agents.rlfold.two_deviations import TwoDeviationsHead, truncated_log_density
 from tests.agents.learning.killed import killed_and_resumed
 from tests.agents.learning.learners import learner, transitions
 
@@ -37,6 +37,19 @@ def batch(count: int = 32) -> TensorDict:
     found["label"] = torch.full((count, 2), 0.5)
     found["labelled"] = torch.arange(count) % 2 == 0
     return found
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_what_explores_imitates_and_drives_has_one_mean(bounded: bool) -> None:
+    torch.manual_seed(0)
+    head = TwoDeviationsHead(3, 2, (8,), bounded)
+    features = 50.0 * torch.randn(40, 3)
+    exploring, log_std = head(features)
+    imitating, _ = head.imitating(features)
+    assert torch.equal(head.centre(features), imitating), "it drives by what it imitates with"
+    assert torch.equal(exploring if bounded else exploring.tanh(), imitating)
+    assert (exploring.abs().max() <= 1.0).item() is bounded
+    assert log_std.shape == exploring.shape
 
 
 def test_its_density_is_that_of_a_truncated_gaussian() -> None:
