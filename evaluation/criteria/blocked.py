@@ -97,7 +97,8 @@ def _obstructed(world: World, ego: int) -> bool:
     scripted = [key for event in world.events if event.ego == ego for key in event.actors]
     set_up = np.isin(actors.key, scripted) | (actors.kind == ActorKind.STATIC)
     for row in np.flatnonzero(set_up & (actors.speed <= MOVING_MPS)).tolist():
-        along, aside, _ = route.project(*actors.position[row].tolist(), egos.progress.item(ego), ahead=SIGHT_M)
+        x, y = actors.position[row].tolist()
+        along, aside, _ = route.project(x, y, egos.progress.item(ego), ahead=SIGHT_M)
         beside = abs(aside) > 0.5 * (egos.width.item(ego) + actors.width.item(row))
         if along > egos.progress.item(ego) and not beside:
             return True

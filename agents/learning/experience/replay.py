@@ -36,6 +36,7 @@ NOWHERE = -1
 """Position that is none: behind an entry without an action."""
 LEAST_PRIORITY = 1e-6
 """Added to every error, so that no transition's priority is 0."""
+_BATCHES = 4  # separates this random stream from those of seeds, and from torch's own of weights and noise
 
 
 class ReplayConfig(Config):
@@ -87,7 +88,7 @@ class Replay:
         self._extras = tuple(extras or ())
         self._head = 0  # position of the next entry
         self._protected: deque[int] = deque(maxlen=KEPT)  # first position of the window, at each checkpoint kept
-        self._generator = torch.Generator().manual_seed(seed)
+        self._generator = torch.Generator().manual_seed(_stream(seed))
         self._trees: dict[int, SumTree] = {}  # by source, over slots
         self._top_priority = 1.0
         self._open: IntArray = np.zeros(0, np.int64)  # (N,) position of the entry that each row acts on next
@@ -440,3 +441,8 @@ def _flush(folder: Path) -> None:
     for path in folder.rglob("*.memmap"):
         with path.open("rb") as file:
             os.fsync(file.fileno())
+
+
+def _stream(seed: int) -> int:
+    """Seed of the batches. With the run's own they would be drawn by the numbers that weights and noise are."""
+    return int(np.random.SeedSequence([_BATCHES, seed]).generate_state(1)[0])
