@@ -44,7 +44,7 @@ def record_size(facts: Path) -> int:
 def shelve(settings: Settings, staged: Path, scenario: AnyScenario) -> Record:
     """Links a staged record into the archive, unless the same hash is there already.
 
-    A record lost to the infrastructure is returned but not archived.
+    A record that `lost_because` gives a reason for is returned but not archived.
 
     Args:
         settings: Settings with the archive's folder.
@@ -95,10 +95,10 @@ def ensure_archived(settings: Settings, staged: Path, record: Record) -> None:
 
 
 def lost_because(record: Record) -> str | None:
-    """Infrastructure fault of a record; None for a record that counts."""
+    """Why an episode is to be driven again; None for a record that is kept, also of a gridlock."""
     if not isinstance(record, EpisodeRecord):
         return None
-    return next((ego.failure or ego.status.value for ego in record.egos if ego.status.infrastructure_fault), None)
+    return next((ego.failure or ego.status.value for ego in record.egos if ego.status.worth_another_try), None)
 
 
 def discard(settings: Settings, evaluation_id: str, stem: str | None = None) -> None:

@@ -26,8 +26,9 @@ class EpisodeView(View):
     status: Annotated[
         EpisodeStatus,
         Field(
-            description="Status; lost: a fault of the infrastructure. Of a remote agent `queued` until the episode is "
-            "done or the evaluation has ended, so that a worker does not learn which scenario it drives."
+            description="Status; done: it has a record, also of a gridlock, which the statuses in `summary` tell. "
+            "lost: a fault of the infrastructure. Of a remote agent `queued` until the episode is done or the "
+            "evaluation has ended, so that a worker does not learn which scenario it drives."
         ),
     ]
     attempts: Annotated[int, Field(description="How often it was started.")]
@@ -67,7 +68,7 @@ class AttemptView(View):
     outcome: Annotated[
         AttemptOutcome | None,
         Field(
-            description="Kind of its end; null while it runs. done: a record that counts. agent_failed: the same, with "
+            description="Kind of its end; null while it runs. done: a record. agent_failed: the same, with "
             "a fault of the agent; shown as done where the records are withheld. worker_gone: the policy worker fell "
             "silent. given_back: the policy worker released the episode. machine: the process died. simulation: SUMO "
             "failed, or the disk. unclaimed: no worker came. drained: the service ended. cancelled: the evaluation was "

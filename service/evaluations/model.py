@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Mapping
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
@@ -12,13 +13,14 @@ from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from dohyo.evaluation.benchmarks.documents import family_of
 from dohyo.evaluation.families import Family
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import Base, now
 from dohyo.service.submissions.model import AgentKind, Submission
 
 
 class EvaluationStatus(StrEnum):
-    """Status of an evaluation. DONE: every episode has a record that counts."""
+    """Status of an evaluation. DONE: every episode has a record."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -33,7 +35,11 @@ class EvaluationStatus(StrEnum):
 
 
 class EpisodeStatus(StrEnum):
-    """Status of an episode. LOST: the infrastructure failed too often, which says nothing about the agent."""
+    """Status of an episode.
+
+    DONE: it has a record, which counts unless the traffic was gridlocked, see `is_lost`. LOST: it has none, since the
+    infrastructure failed too often, which says nothing about the agent.
+    """
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -45,7 +51,7 @@ class EpisodeStatus(StrEnum):
 class AttemptOutcome(StrEnum):
     """End of an attempt.
 
-    DONE: a record that counts. AGENT_FAILED: the same, with a fault of the agent. WORKER_GONE: the policy worker fell
+    DONE: a record. AGENT_FAILED: the same, with a fault of the agent. WORKER_GONE: the policy worker fell
     silent. GIVEN_BACK: the policy worker released the episode without an error. MACHINE: the episode's process died.
     SIMULATION: SUMO failed, or the disk. UNCLAIMED: no worker came. DRAINED: the service ended. CANCELLED: the
     evaluation was cancelled, or cannot be driven.
@@ -85,7 +91,8 @@ class Evaluation(Base):
     the team that the run was ordered for, in a phase of a challenge. A run with `egos` is *mixed*: other submissions
     drive them, and the evaluation's own drives all other egos.
 
-    The seeds of remote agents follow from `agent_secret`, which no answer shows.
+    The seeds of remote agents follow from `agent_secret`, which no answer shows. `failure` says why the run failed, or
+    why one that is done has no score.
     """
 
     __tablename__ = "evaluations"
@@ -166,6 +173,11 @@ class Episode(Base):
     started: Mapped[datetime | None]
     finished: Mapped[datetime | None]
     evaluation: Mapped[Evaluation] = relationship()
+
+
+def is_lost(summary: Mapping[str, Any] | None) -> bool:
+    """Whether an episode with a record counts in no mean, for none of its egos: the traffic was gridlocked."""
+    return any(Status(ego["status"]).infrastructure_fault for ego in (summary or {}).get("egos", ()))
 
 
 class Attempt(Base):

@@ -17,10 +17,10 @@ class Progress(View):
     """Numbers of an evaluation's episodes by status."""
 
     total: Annotated[int, Field(description="All episodes.")]
-    done: Annotated[int, Field(description="Episodes with a record that counts.")] = 0
+    done: Annotated[int, Field(description="Episodes with a record, also of a gridlock, which counts in no score.")] = 0
     running: Annotated[int, Field(description="Episodes that drive now.")] = 0
     queued: Annotated[int, Field(description="Episodes that wait.")] = 0
-    lost: Annotated[int, Field(description="Episodes lost to faults of the infrastructure.")] = 0
+    lost: Annotated[int, Field(description="Episodes without a record, lost to faults of the infrastructure.")] = 0
     cancelled: Annotated[int, Field(description="Episodes that were cancelled before they ended.")] = 0
 
 
@@ -53,8 +53,14 @@ class EvaluationView(View):
     seeds: Annotated[list[int] | None, Field(description="Driven seeds; null where they are withheld.")]
     slow_policy: Annotated[str, Field(description="Whether the simulation waits for a remote agent.")]
     act_deadline_s: Annotated[float, Field(description="Wall-clock time for one decision, s.")]
-    status: Annotated[EvaluationStatus, Field(description="Status; done: every episode has a record that counts.")]
-    failure: Annotated[str | None, Field(description="Why it failed; null where it did not, or where it is withheld.")]
+    status: Annotated[EvaluationStatus, Field(description="Status; done: every episode has a record.")]
+    failure: Annotated[
+        str | None,
+        Field(
+            description="Why it failed, or has no score although it is done: all of its episodes were gridlocked. Null "
+            "where neither holds, or where it is withheld."
+        ),
+    ]
     withheld: Annotated[
         bool, Field(description="Whether seeds, scenarios, records and failures are not shown to you (now).")
     ]

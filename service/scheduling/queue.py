@@ -7,6 +7,7 @@ cancelled or given to another process meanwhile, therefore has no effect, and no
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -16,7 +17,14 @@ from sqlalchemy.orm import Session
 
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import now
-from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStatus, Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import (
+    AttemptOutcome,
+    Episode,
+    EpisodeStatus,
+    Evaluation,
+    EvaluationStatus,
+    is_lost,
+)
 from dohyo.service.running.order import agent_seed
 from dohyo.service.scheduling import attempts
 from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd
@@ -24,6 +32,7 @@ from dohyo.service.submissions.model import AgentKind, Submission
 
 UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 LONGEST_FAILURE = 2000
+NO_SCORE = "all episodes were lost to gridlocks, which follow from their seeds: the run has no score, and no place"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +112,7 @@ class Progress:
     Attributes:
         evaluation_id: Identifier of the evaluation.
         status: Current status.
-        done: Number of episodes with a record that counts.
+        done: Number of episodes with a record.
         total: Number of all episodes.
         ended: Whether this change ended it.
     """
@@ -296,7 +305,7 @@ def _settle(session: Session, evaluation_id: str) -> Progress | None:
         _hold_ranking(session, evaluation)
         evaluation.finished = now()
         evaluation.status = EvaluationStatus.DONE if done == total else EvaluationStatus.FAILED
-        evaluation.failure = None if done == total else _why_not(session, evaluation_id, total - done, total)
+        evaluation.failure = _why_no_score(session, evaluation_id, total - done, total)
     return Progress(evaluation_id, evaluation.status, done, total, ends)
 
 
@@ -304,6 +313,15 @@ def _hold_ranking(session: Session, evaluation: Evaluation) -> None:
     """Locks a run's ranking, so that its board cannot become final between the time of the run's end and the commit."""
     if evaluation.ranking_id is not None:
         session.get(Ranking, evaluation.ranking_id, with_for_update={"read": True, "of": Ranking})
+
+
+def _why_no_score(session: Session, evaluation_id: str, missing: int, total: int) -> str | None:
+    """Why a run that ends has failed, or has no score; None for one that has."""
+    if missing:
+        return _why_not(session, evaluation_id, missing, total)
+    done = select(Episode.summary).where(Episode.evaluation_id == evaluation_id, Episode.status == EpisodeStatus.DONE)
+    with closing(session.scalars(done.order_by(Episode.position))) as summaries:
+        return NO_SCORE if all(map(is_lost, summaries)) else None
 
 
 def _why_not(session: Session, evaluation_id: str, missing: int, total: int) -> str:

@@ -44,7 +44,7 @@ class Results:
         self._settings, self._database, self._events, self._orders = settings, database, events, orders
 
     async def keep(self, ticket: Ticket, order: EpisodeOrder, processor_s: float) -> Outcome:
-        """Archives a finished record; an infrastructure fault is not a result."""
+        """Archives a finished record; a fault after which driving again may end otherwise is not a result."""
         staged = order.directory / f"{order.stem}.json"
         try:
             record = await asyncio.to_thread(shelve, self._settings, staged, order.scenario)
