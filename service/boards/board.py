@@ -64,6 +64,7 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
             "seeds": len(seeds),
             "episodes": facts["episodes"],
             "drives": facts["drives"],
+            "lost": facts.get("lost", 0),  # results of before had none
             "finished": finished.isoformat() if finished else None,
             "scores": facts["scores"],
             "per_km": facts["per_km"],
@@ -100,7 +101,8 @@ def _of(entrants: Sequence[str]) -> ColumnElement[bool]:
 
 @lru_cache(maxsize=20_000)  # contenders are compared by identity, and live as long as their ranking is in memory
 def compare_places(contender: Contender, above: Contender) -> dict[str, Any] | None:
-    """Paired comparison of a place with the one above it, as plain JSON; None without the same drives."""
-    if contender.values.shape != above.values.shape:
+    """Paired comparison of a place with the one above it, as plain JSON; None without a drive that counts in both."""
+    common = contender.common(above)
+    if not common.any():
         return None
-    return asdict(paired(contender.values.tolist(), above.values.tolist()))
+    return asdict(paired(contender.values[common].tolist(), above.values[common].tolist()))

@@ -84,7 +84,8 @@ def _check(entries: Sequence[Entry]) -> None:
         if entry.others:
             raise InvalidInputError(f"expected runs of one agent, and evaluation '{entry.evaluation}' is a mixed run")
         if not entry.drives:
-            raise InvalidInputError(f"evaluation '{entry.evaluation}' has no finished episode yet")
+            why = "lost all of its drives" if entry.lost else "has no finished episode yet"
+            raise InvalidInputError(f"evaluation '{entry.evaluation}' {why}")
 
 
 def _side(entry: Entry) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
@@ -24,7 +24,7 @@ from dohyo.service.evaluations.scoring import (
     rates_per_km,
     scores_of,
 )
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
 OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES, *FORECAST_SCORES)
@@ -76,6 +76,7 @@ class Entry:
         drives: All drives that count.
         lost: Number of drives lost to gridlocks and infrastructure faults, by cell.
         lost_egos: The same, by ego.
+        gridlocked: Those of them that have a record, which is kept.
         others: Drivers of single egos of a mixed run, by ego.
     """
 
@@ -93,6 +94,7 @@ class Entry:
     drives: tuple[Drive, ...]
     lost: Mapping[str, int] = field(default_factory=dict)
     lost_egos: Mapping[str, int] = field(default_factory=dict)
+    gridlocked: tuple[Drive, ...] = ()
     others: Mapping[str, Driver] = field(default_factory=dict)
 
     @property
@@ -103,6 +105,10 @@ class Entry:
     def driver_of(self, ego: str) -> Driver:
         """The driver of an ego."""
         return self.others.get(ego, self.driver)
+
+    def lost_of(self, driver: Driver) -> int:
+        """Number of a driver's lost drives."""
+        return sum(count for ego, count in self.lost_egos.items() if self.driver_of(ego) == driver)
 
     @cached_property
     def scores(self) -> dict[str, Estimate]:
@@ -127,7 +133,7 @@ class Contender:
         track: Which sensors its agent may use.
         score: Mean of the headline score.
         ordered: Time of the order.
-        values: (drives,) headline scores, in the same order for every run of the ranking.
+        values: (drives,) headline scores, in the same order for every run of the ranking; NaN for a lost drive.
     """
 
     evaluation: str
@@ -137,6 +143,13 @@ class Contender:
     score: float
     ordered: datetime
     values: FloatArray
+
+    def common(self, other: Contender) -> BoolArray:
+        """(drives,) which drives of two runs both count; none where the runs have not the same drives."""
+        if self.values.shape != other.values.shape:
+            return np.zeros(0, dtype=np.bool_)
+        both: BoolArray = np.isfinite(self.values) & np.isfinite(other.values)
+        return both
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,14 +207,23 @@ class Ranks:
 
     def _compared(self, best: Contender, block: Sequence[Contender]) -> list[bool]:
         new = [one for one in block if (best.evaluation, one.evaluation) not in self._lower]
-        alike = [one for one in new if one.values.shape == best.values.shape]
-        # Without the same drives, means alone decide.
+        # Without a drive in common, means alone decide.
         self._lower |= {(best.evaluation, one.evaluation): one.score < best.score for one in new}
-        if alike:
-            verdicts = significantly_below(best.values, np.stack([one.values for one in alike]))
-            for one, lower in zip(alike, verdicts, strict=True):
+        for common, some in _by_common(best, new):
+            verdicts = significantly_below(best.values[common], np.stack([one.values[common] for one in some]))
+            for one, lower in zip(some, verdicts, strict=True):
                 self._lower[best.evaluation, one.evaluation] = bool(lower)
         return [self._lower[best.evaluation, one.evaluation] for one in block]
+
+
+def _by_common(best: Contender, others: Iterable[Contender]) -> Iterator[tuple[BoolArray, list[Contender]]]:
+    """Contenders by the drives that count in them and in the best one; those without any are left out."""
+    found: dict[bytes, tuple[BoolArray, list[Contender]]] = {}
+    for one in others:
+        common = best.common(one)
+        if common.any():
+            found.setdefault(common.tobytes(), (common, []))[1].append(one)
+    yield from found.values()
 
 
 _MOST_VERDICTS: Final = 20  # per contender
@@ -226,7 +248,7 @@ def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, family: Family) -> st
     """The leaderboard as CSV: a line per row of its document, each score with the ends of its interval."""
     columns = columns_of(metric, family)
     header = ["rank", "team", "agent", "version", "owner", "kind", "verified", "baseline", "track", "evaluation"]
-    header += ["runs", "thrown_away", "seeds", "drives"]
+    header += ["runs", "thrown_away", "seeds", "drives", "lost"]
     lines: list[list[object]] = []
     for row in rows:
         ends = [row["scores"].get(name, {}).get(end) for name in columns for end in ("mean", "low", "high")]

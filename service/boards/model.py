@@ -109,8 +109,9 @@ class Result(Base):
         score: Mean of the headline score.
         ordered: Time of the order.
         finished: Time of its end.
-        facts: `scores` with intervals, `per_km`, numbers of `drives` and `episodes`, and `values`: the headline score
-            of each drive, in the same order for every run; empty where a drive has none.
+        facts: `scores` with intervals, `per_km`, numbers of `drives` and `episodes` that count and of `lost` drives,
+            and `values`: the headline score of each drive, in the same order for every run, None for a lost one; empty
+            where a drive that counts has none, or no drive counts: such a run has no place.
     """
 
     __tablename__ = "results"

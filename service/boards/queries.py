@@ -18,6 +18,7 @@ from dohyo.service.evaluations.model import (
     Evaluation,
     EvaluationEgo,
     EvaluationStatus,
+    is_lost,
 )
 from dohyo.service.evaluations.scoring import Drive
 from dohyo.service.submissions.model import Agent, Submission
@@ -31,7 +32,7 @@ def find_episode(session: Session, episode_id: str, seen: ColumnElement[bool]) -
 
 
 def recorded_episodes(session: Session, evaluation_id: str) -> list[Episode]:
-    """Episodes of an evaluation with a record that counts, in the benchmark's order."""
+    """Episodes of an evaluation with a record, in the benchmark's order."""
     query = select(Episode).where(Episode.evaluation_id == evaluation_id, Episode.status == EpisodeStatus.DONE)
     return list(session.scalars(query.where(Episode.record_hash.is_not(None)).order_by(Episode.position)))
 
@@ -91,7 +92,8 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
         .join(BenchmarkVersion, BenchmarkVersion.sha256 == Evaluation.benchmark_sha256)
         .where(Evaluation.id.in_(evaluation_ids))
     )
-    drives, lost = _drives(session, evaluation_ids), _lost_drives(session, evaluation_ids)
+    drives, gridlocked = _drives(session, evaluation_ids)
+    lost = _lost_drives(session, evaluation_ids, gridlocked)
     others = _others(session, evaluation_ids)
     found: dict[str, Entry] = {}
     for one, seeds, finished, owner, submission, version, kind, track, agent, benchmark, sha256 in session.execute(
@@ -112,6 +114,7 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
             drives=tuple(drives.get(one, ())),
             lost={cell: sum(egos.values()) for cell, egos in lost.get(one, {}).items()},
             lost_egos=sum(lost.get(one, {}).values(), Counter[str]()),
+            gridlocked=tuple(gridlocked.get(one, ())),
             others=others.get(one, {}),
         )
     return found
@@ -130,7 +133,8 @@ def count_by_status(session: Session) -> tuple[Mapping[str, int], Mapping[str, i
     return {status.value: count for status, count in episodes}, {status.value: count for status, count in evaluations}
 
 
-def _drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, list[Drive]]:
+def _drives(session: Session, evaluation_ids: Sequence[str]) -> tuple[dict[str, list[Drive]], dict[str, list[Drive]]]:
+    """Drives with a record, by evaluation: those that count, and those of gridlocked episodes."""
     query = (
         select(Episode.evaluation_id, Episode.id, Episode.scenario, Episode.cell, Episode.seed, Episode.summary)
         .add_columns(Episode.record_hash)
@@ -138,11 +142,13 @@ def _drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, list[D
         .order_by(Episode.evaluation_id, Episode.position)
     )
     drives: dict[str, list[Drive]] = {}
+    gridlocked: dict[str, list[Drive]] = {}
     for evaluation_id, episode_id, scenario, cell, seed, summary, record_hash in session.execute(query):
-        drives.setdefault(evaluation_id, []).extend(
+        side = gridlocked if is_lost(summary) else drives
+        side.setdefault(evaluation_id, []).extend(
             Drive(episode_id, scenario, cell, seed, facts, record_hash) for facts in (summary or {}).get("egos", ())
         )
-    return drives
+    return drives, gridlocked
 
 
 def _others(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Driver]]:
@@ -154,8 +160,10 @@ def _others(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[s
     return found
 
 
-def _lost_drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[str, Counter[str]]]:
-    """Number of drives in lost episodes, by evaluation, cell and ego."""
+def _lost_drives(
+    session: Session, evaluation_ids: Sequence[str], gridlocked: Mapping[str, Sequence[Drive]]
+) -> dict[str, dict[str, Counter[str]]]:
+    """Number of drives in lost episodes, without a record or gridlocked, by evaluation, cell and ego."""
     query = (
         select(Episode.evaluation_id, Episode.cell, func.count(), BenchmarkVersion.sha256)
         .join(Evaluation, Evaluation.id == Episode.evaluation_id)
@@ -167,6 +175,9 @@ def _lost_drives(session: Session, evaluation_ids: Sequence[str]) -> dict[str, d
     for evaluation_id, cell, episodes, sha256 in session.execute(query):
         document = session.get_one(BenchmarkVersion, sha256).document
         found.setdefault(evaluation_id, {})[cell] = Counter(dict.fromkeys(_egos(document, cell), episodes))
+    for evaluation_id, drives in gridlocked.items():
+        for drive in drives:
+            found.setdefault(evaluation_id, {}).setdefault(drive.cell, Counter())[drive.ego] += 1
     return found
 
 

@@ -52,14 +52,25 @@ def store_results(session: Session, ranking: Ranking, headline: str) -> None:
 
 def facts_of(entry: Entry, headline: str) -> dict[str, Any]:
     """The facts of a stored result: what a board shows of a run, and the values that it is compared by."""
-    drives = sorted(entry.drives, key=lambda drive: drive.key)
     return {
         "scores": {name: asdict(score) for name, score in entry.scores.items()},
         "per_km": entry.per_km,
         "episodes": len({drive.episode for drive in entry.drives}),
         "drives": len(entry.drives),
-        "values": [rank_sign(headline) * drive.score(headline) for drive in drives] if headline in entry.scores else [],
+        "lost": sum(entry.lost.values()),
+        "values": _values(entry, headline) if entry.drives and headline in entry.scores else [],
     }
+
+
+def _values(entry: Entry, headline: str) -> list[float | None]:
+    """Scores in the order of the drives' keys; None holds the place of a lost drive, so that runs pair drive by drive.
+
+    Args:
+        entry: A complete run: each of its lost drives has a record.
+        headline: Score that ranks, which all drives that count have.
+    """
+    values = {drive.key: rank_sign(headline) * drive.score(headline) for drive in entry.drives}
+    return [values.get(key) for key in sorted([*values, *(drive.key for drive in entry.gridlocked)])]
 
 
 def _result(run: Evaluation, entry: Entry, headline: str) -> Result:

@@ -140,7 +140,7 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
     for run, entrant, track, score, ordered, values, team in session.execute(new):
         if values and ordered == first.get(entrant, ordered):
             baseline = ranking.challenge_id is not None and team is None
-            array = np.array(values, dtype=np.float64)
+            array = np.array(values, dtype=np.float64)  # None becomes NaN
             standing.runs[run] = Contender(run, entrant, baseline, track, score, ordered, array)
     standing.state = state
     standing.places = Recent(20)

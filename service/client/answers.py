@@ -276,6 +276,7 @@ class RowView(TypedDict):
     seeds: int
     episodes: int
     drives: int
+    lost: int
     finished: str | None
     scores: dict[str, EstimateView]
     per_km: dict[str, float]

@@ -35,7 +35,7 @@ def as_document(entry: Entry) -> dict[str, Any]:
 def as_csv(entry: Entry) -> str:
     """A row per drive, one per cell, in a mixed run one per agent, and one for all; the column `row` says which.
 
-    Scores of several drives have intervals.
+    Scores of several drives have intervals, and the number of drives `lost` beside them.
     """
     kinds = [kind.value for kind in InfractionKind]
     names = scores_of(entry.drives)
@@ -50,6 +50,7 @@ def as_csv(entry: Entry) -> str:
         "episode",
         "status",
         "drives",
+        "lost",
         *_LENGTHS,
         *scores,
         *kinds,
@@ -78,19 +79,20 @@ def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[
         who += [drive.episode, drive.status.value]
         scores = [value for name in names for value in (_finite(drive.score(name)), None, None)]
         counts = [drive.facts["infractions"].get(kind, 0) for kind in kinds]
-        yield [*who, 1, *(drive.facts[name] for name in _LENGTHS), *scores, *counts]
+        yield [*who, 1, 0, *(drive.facts[name] for name in _LENGTHS), *scores, *counts]
     for cell, drives in cells_of(entry).items():
-        yield _group("cell", cell, drives, names, kinds)
+        yield _group("cell", cell, drives, entry.lost.get(cell, 0), names, kinds)
     for driver in drivers_of(entry) if entry.others else ():
         own = [drive for drive in entry.drives if entry.driver_of(drive.ego) == driver]
-        yield _group("agent", None, own, names, kinds, agent=driver.name)
-    yield _group("all", None, entry.drives, names, kinds)
+        yield _group("agent", None, own, entry.lost_of(driver), names, kinds, agent=driver.name)
+    yield _group("all", None, entry.drives, sum(entry.lost.values()), names, kinds)
 
 
 def _group(
     row: str,
     cell: str | None,
     drives: Sequence[Drive],
+    lost: int,
     names: Sequence[str],
     kinds: Sequence[str],
     agent: str | None = None,
@@ -99,7 +101,7 @@ def _group(
     scores = [value for one in estimates for value in (one.mean, one.low, one.high)]
     sums = [sum(drive.facts[name] for drive in drives) for name in _LENGTHS]
     counts = [sum(drive.facts["infractions"].get(kind, 0) for drive in drives) for kind in kinds]
-    return [row, cell, None, None, None, agent, None, None, len(drives), *sums, *scores, *counts]
+    return [row, cell, None, None, None, agent, None, None, len(drives), lost, *sums, *scores, *counts]
 
 
 def _finite(score: float) -> float | None:

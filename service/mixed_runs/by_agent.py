@@ -46,7 +46,6 @@ def meetings_document(entry: Entry) -> list[dict[str, Any]]:
 
 def _agent(entry: Entry, driver: Driver) -> dict[str, Any]:
     drives = [drive for drive in entry.drives if entry.driver_of(drive.ego) == driver]
-    lost = sum(count for ego, count in entry.lost_egos.items() if entry.driver_of(ego) == driver)
     return {
         "agent": driver.agent,
         "version": driver.version,
@@ -54,5 +53,5 @@ def _agent(entry: Entry, driver: Driver) -> dict[str, Any]:
         "kind": driver.kind,
         "track": driver.track,
         "egos": list(dict.fromkeys(drive.ego for drive in drives)),
-        **summarise_drives(drives, lost),
+        **summarise_drives(drives, entry.lost_of(driver)),
     }

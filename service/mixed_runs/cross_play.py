@@ -98,6 +98,8 @@ class CrossPlays:
 
 def meetings_of(entry: Entry, metric: str) -> Meetings:
     """The meetings in one run."""
+    if not entry.drives:
+        return {}  # all were lost
     if not entry.others:
         return {(entry.driver, entry.driver): {_key(drive): drive.score(metric) for drive in entry.drives}}
     episodes: dict[str, list[Drive]] = {}

@@ -42,7 +42,7 @@ def contenders(entries: list[Entry], metric: str = "driving_score") -> list[Cont
             track=one.track,
             score=one.scores[metric].mean or 0.0,
             ordered=datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=number),
-            values=np.array(facts_of(one, metric)["values"]),
+            values=np.array(facts_of(one, metric)["values"], dtype=np.float64),
         )
         for number, one in enumerate(entries)
     ]
