@@ -224,7 +224,7 @@ def leaderboard(
             "verified" if row["verified"] else "remote",
             _estimate(row["scores"][metric]),
             str(row["above"]["verdict"]) if row["above"] else DASH,
-            str(row["drives"]),
+            _counted(row["drives"], row["lost"]),
             str(row["runs"]),
         )
         for row in board["rows"]
@@ -265,7 +265,7 @@ def _print_scores(state: EvaluationView, metrics: MetricsView) -> None:
     print_rows(("score", *columns), rows)
     _print_meetings(metrics)
     driven = f", {number(whole['km'])} km" if whole["km"] else ""  # lots have no routes
-    console.print(f"{whole['drives']} drives{driven}; {state['id']}", highlight=False)
+    console.print(f"{_counted(whole['drives'], whole['lost'])} drives{driven}; {state['id']}", highlight=False)
     if state["failure"]:
         console.print(state["failure"])
 
@@ -318,6 +318,11 @@ def _agents(state: EvaluationView | Document) -> str:
 
 def _done(state: EvaluationView | Document) -> str:
     return f"{state['progress']['done']}/{state['progress']['total']}"
+
+
+def _counted(drives: int, lost: int) -> str:
+    """Number of drives that count; where any was lost, with that of lost ones."""
+    return f"{drives} (and {lost} lost)" if lost else str(drives)
 
 
 def _estimate(values: EstimateView) -> str:

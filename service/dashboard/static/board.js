@@ -37,6 +37,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
       cell: (row) => rates(row, rows),
       csv: (row) => row.per_km,
     },
+    rows.some((row) => row.lost > 0) && { title: "lost", unit: "drives", numeric: true, cell: (row) => row.lost },
     {
       title: "vs above",
       cell: (row) =>

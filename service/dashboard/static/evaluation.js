@@ -20,6 +20,10 @@ export function standing(status) {
   return h("span", { class: `status ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), status);
 }
 
+/** Whether an episode counts in no score: it has no record, or the traffic was gridlocked in it. */
+export const isLost = (episode) =>
+  episode.status === "lost" || (episode.summary?.egos ?? []).some((ego) => ego.status.startsWith("lost: "));
+
 /** A progress bar: the shares of episodes that are done, lost and running. */
 export function bar({ done, running, lost, total }, name) {
   const share = (n) => ({ "--share": `${total ? (100 * n) / total : 0}%` });

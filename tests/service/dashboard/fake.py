@@ -109,18 +109,21 @@ class Fake:
     def agents(self) -> list[str]:
         return [] if self.empty else ["autopilot", "reckless"]
 
-    def drives(self, agent: str) -> tuple[Drive, ...]:
+    def drives(self, agent: str, *, lost: bool = False) -> tuple[Drive, ...]:
+        """Drives that count, or those of gridlocked episodes."""
         return tuple(
             Drive(name, record.scenario.name, record.scenario.cell, record.scenario.seed, facts)
             for name, record in self.records.items()
-            if name.startswith(agent)
+            if name.startswith(agent) and record.lost == lost
             for facts in summary_of(record, "2.0")["egos"]
         )
 
     def entry(self, agent: str) -> Entry:
+        gridlocked = self.drives(agent, lost=True)
         return Entry(
             f"ev-{agent}", f"su-{agent}", agent, 1, "lab", "builtin", "map" if agent == "autopilot" else "privileged",
-            "quickstart", VERSION, (0, 1), WHEN, self.drives(agent), self.lost,
+            "quickstart", VERSION, (0, 1), WHEN, self.drives(agent),
+            Counter(self.lost) + Counter(drive.cell for drive in gridlocked), gridlocked=gridlocked,
         )  # fmt: skip
 
     def evaluation(self, name: str) -> EvaluationView:
@@ -170,7 +173,8 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
     contenders = [
         Contender(
             evaluation=one.evaluation, entrant=one.submission, baseline=False, track=one.track, ordered=WHEN,
-            score=one.scores[metric].mean or 0.0, values=np.array(facts[one.evaluation]["values"]),
+            score=one.scores[metric].mean or 0.0,
+            values=np.array(facts[one.evaluation]["values"], dtype=np.float64),
         ) for one in entries
     ]  # fmt: skip
     places = Ranks().rank(places_of(contenders, Counts.FIRST))
@@ -181,7 +185,7 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
         same = ("agent", "version", "submission", "evaluation", "owner", "kind", "track", "finished")
         rows.append(
             {name: getattr(one, name) for name in same}
-            | {name: facts[one.evaluation][name] for name in ("scores", "per_km", "episodes", "drives")}
+            | {name: facts[one.evaluation][name] for name in ("scores", "per_km", "episodes", "drives", "lost")}
             | {"rank": place.rank, "baseline": False, "team": None, "verified": True, "runs": 1, "thrown_away": 0}
             | {"seeds": len(one.seeds)}
             | {"above": compare_places(place.contender, places[index - 1].contender) if index else None}

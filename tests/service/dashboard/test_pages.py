@@ -7,6 +7,7 @@ import itertools
 import pytest
 from playwright.sync_api import expect
 
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.episodes.views import AttemptView
 from dohyo.service.evaluations.model import AttemptOutcome
 from tests.service.dashboard import fake as fakes
@@ -152,6 +153,55 @@ def test_an_evaluation_that_lost_drives_also_shows_the_means_that_count_them_as_
     without, as_zero = (float(text) for text in score.locator(".measure b").all_inner_texts())
     assert as_zero == pytest.approx(without / 2, rel=0.01)
     expect(score.locator(".measure").last).to_contain_text("n=24")
+
+
+def gridlock(site: Site, name: str) -> None:
+    """The traffic was gridlocked in an episode."""
+    record = site.fake.records[name]
+    (ego,) = record.egos
+    changed = record.model_copy(update={"egos": (ego.model_copy(update={"status": Status.GRIDLOCK}),)})
+    site.fake.records[name] = changed
+
+
+def test_a_gridlocked_drive_is_shown_as_lost_beside_the_scores(visit: Visitor, site: Site) -> None:
+    gridlock(site, "reckless-right-to-south-s0")
+    page = visit().go("/evaluations/ev-reckless")
+    expect(page.locator("#tiles")).to_contain_text("12 / 12")
+    expect(page.locator("#tiles div").filter(has_text="lost").locator("dd")).to_have_text("1")
+    bar = page.locator("[role=progressbar]")
+    assert (bar.get_attribute("aria-valuenow"), bar.get_attribute("aria-valuemax")) == ("12", "12")
+    expect(page.locator("#scores .measures > div").first.locator("p")).to_have_text("counting 1 lost drive as 0")
+    row = page.locator("#episodes tbody tr").last  # it was the worst
+    expect(row.locator("th")).to_have_text("right-to-south")
+    expect(row).to_contain_text("traffic was gridlocked")
+    expect(row.locator("td").nth(2)).to_have_text("—")
+
+
+def test_the_board_and_the_comparison_show_lost_drives_and_pair_the_others(visit: Visitor, site: Site) -> None:
+    one = visit()
+    assert "lost" not in one.go("/").locator("thead").inner_text()
+    gridlock(site, "reckless-right-to-south-s0")
+    page = one.go("/")
+    rows = page.locator("tbody tr")
+    lost = page.locator("td[data-label='lost drives']")
+    assert lost.all_inner_texts() == ["0", "1"]
+    expect(rows.nth(1).locator("td.estimate").first).to_contain_text("n=11")
+    page = one.go("/compare?evaluation=ev-autopilot&evaluation=ev-reckless")
+    assert page.locator("td[data-label='lost drives']").all_inner_texts() == ["0", "1"]
+    mission = page.locator("#matrix tbody tr").filter(has_text="right-to-south").locator("td")
+    expect(mission.nth(1)).to_contain_text("n=1")
+
+
+def test_the_page_of_a_gridlocked_episode_says_that_it_counts_in_no_score(visit: Visitor, site: Site) -> None:
+    page = visit().go("/episodes/reckless-right-to-south-s0")
+    assert page.locator(".facts-panel .reason").count() == 0
+    replay = fakes.stored("replay-reckless")
+    status, replay["egos"][0]["status"] = replay["egos"][0]["status"], Status.GRIDLOCK.value
+    try:
+        page.reload()
+        expect(page.locator(".facts-panel .reason")).to_contain_text("counts in no score")
+    finally:
+        replay["egos"][0]["status"] = status
 
 
 def test_a_running_evaluation_moves_its_bar_as_episodes_end(visit: Visitor, site: Site) -> None:

@@ -237,5 +237,5 @@ function failure(run) {
   if (run.withheld && finished(run)) return missing("shown when the phase has ended");
   const faults = run.progress.lost + (run.failure ? 1 : 0);
   if (!faults) return h("span", { class: "quiet" }, "—");
-  return [run.failure && h("div", { class: "reason" }, run.failure), h("a", { href: `/evaluations/${encodeURIComponent(run.id)}#episodes` }, `${run.progress.lost} lost episodes`)];
+  return [run.failure && h("div", { class: "reason" }, run.failure), h("a", { href: `/evaluations/${encodeURIComponent(run.id)}#episodes` }, run.progress.lost ? `${run.progress.lost} lost episodes` : "episodes")];
 }

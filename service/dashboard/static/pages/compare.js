@@ -3,6 +3,7 @@
 import { ApiError, get, getAll, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.js";
+import { isLost } from "../evaluation.js";
 import { number, short } from "../format.js";
 import { scoreOf, shown } from "../scores.js";
 import { colours } from "../subject.js";
@@ -100,7 +101,8 @@ function scores(given, colour) {
         h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
       csv: (row) => estimateCells(key, row.scores[key]),
     })),
-  ];
+    given.evaluations.some((row) => row.lost > 0) && { title: "lost", unit: "drives", numeric: true, cell: (row) => row.lost },
+  ].filter(Boolean);
   return h(
     "section",
     {},
@@ -222,7 +224,7 @@ async function matrix(given) {
   );
   const scoresOf = (side, mission) =>
     side
-      .filter((one) => one.scenario === mission && one.status === "done")
+      .filter((one) => one.scenario === mission && one.status === "done" && !isLost(one))
       .flatMap((one) => one.summary?.egos ?? [])
       .map((ego) => (closed(given) ? ego.closed_loop?.closed_loop : ego.ds))
       .filter((score) => score !== undefined && score !== null);

@@ -89,7 +89,7 @@ function waiting(episode) {
     {
       queued: "It is waiting for a worker.",
       running: "It is being driven; the replay is available when it has ended.",
-      lost: "It was lost to a fault of the infrastructure or a gridlock, not to the agent. It counts in no score, except means that count lost drives as 0.",
+      lost: "It was lost to a fault of the infrastructure, not to the agent. It counts in no score, except means that count lost drives as 0.",
       cancelled: "Its evaluation was cancelled before it was driven.",
     }[episode.status] ?? "It has no record.";
   return h(

@@ -3,7 +3,7 @@
 import { get, getAll, listen, page } from "../api.js";
 import { byId, fill, h, mark, s } from "../dom.js";
 import { agentName, missing } from "../estimate.js";
-import { bar, measures, standing } from "../evaluation.js";
+import { bar, isLost, measures, standing } from "../evaluation.js";
 import { moment, number, seconds, span } from "../format.js";
 import { measureColumns, measuredBy, worstFirst } from "../measured.js";
 import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
@@ -104,6 +104,7 @@ function title() {
 const isParking = () => state.episodes[0]?.cell === "lot";
 
 const count = (status, some = state.episodes) => some.filter((one) => one.status === status).length;
+const countLost = (some = state.episodes) => some.filter(isLost).length;
 const ended = () => count("done") + count("lost") + count("cancelled");
 
 function showProgress() {
@@ -115,7 +116,7 @@ function showProgress() {
     [
       ["status", standing(evaluation.status)],
       ["episodes", `${count("done")} / ${episodes.length}`],
-      ["lost", String(count("lost"))],
+      ["lost", String(countLost())],
       ["time left", finished(evaluation.status) ? "—" : rate > 0 ? `about ${span(left / rate)}` : "unknown"],
       ["seeds", String(evaluation.seeds.length)],
       ["started", moment(evaluation.started ?? evaluation.created)],
@@ -127,9 +128,9 @@ function showProgress() {
     cells.map((cell) => {
       const own = episodes.filter((one) => one.cell === cell);
       const numbers = {
-        done: count("done", own),
+        done: count("done", own.filter((one) => !isLost(one))),
         running: count("running", own),
-        lost: count("lost", own),
+        lost: countLost(own),
         total: own.length,
       };
       return h(
@@ -137,7 +138,7 @@ function showProgress() {
         { class: "bar-row" },
         h("span", {}, cell),
         bar(numbers, `cell ${cell}`),
-        h("span", { class: "number numeric" }, `${numbers.done} / ${numbers.total}`),
+        h("span", { class: "number numeric" }, `${count("done", own)} / ${numbers.total}`),
       );
     }),
     evaluation.failure && h("p", { class: "problem" }, evaluation.failure),
@@ -160,7 +161,7 @@ function showScores() {
 function showEpisodes() {
   const rows = state.episodes
     .map((one) => ({ ...one, ego: worst(one), marks: (one.summary?.egos ?? []).flatMap((ego) => ego.marks ?? []) }))
-    .sort((a, b) => (headline(a.ego) ?? 999) - (headline(b.ego) ?? 999) || a.position - b.position);
+    .sort((a, b) => (headline(scored(a)) ?? 999) - (headline(scored(b)) ?? 999) || a.position - b.position);
   const kind = measuredBy(state.episodes[0]);
   const columns = kind ? measuredColumns(kind) : isParking() ? lotColumns() : driveColumns(rows.some((row) => row.ego?.closed_loop));
   const heading = kind?.heading ?? "Episodes, lowest score first";
@@ -200,11 +201,11 @@ function driveColumns(closed) {
       unit: "%",
       numeric: true,
       cell: (row) => score(row, "closed_loop", row.ego?.closed_loop),
-      csv: (row) => row.ego?.closed_loop?.closed_loop,
+      csv: (row) => scored(row)?.closed_loop?.closed_loop,
     },
-    { title: "DS", unit: "%", numeric: true, cell: (row) => score(row, "ds"), csv: (row) => row.ego?.ds },
-    { title: "RC", unit: "%", numeric: true, cell: (row) => score(row, "rc"), csv: (row) => row.ego?.rc },
-    { title: "IP", numeric: true, cell: (row) => score(row, "ip"), csv: (row) => row.ego?.ip },
+    { title: "DS", unit: "%", numeric: true, cell: (row) => score(row, "ds"), csv: (row) => scored(row)?.ds },
+    { title: "RC", unit: "%", numeric: true, cell: (row) => score(row, "rc"), csv: (row) => scored(row)?.rc },
+    { title: "IP", numeric: true, cell: (row) => score(row, "ip"), csv: (row) => scored(row)?.ip },
     { title: "along the route", css: "along", cell: route, sort: (row) => row.marks.length, csv: (row) => ({ infractions: row.marks.length }) },
     {
       title: "time",
@@ -309,9 +310,12 @@ const reason = ({ why, episode }) => why ?? (episode.summary?.egos ?? []).map((e
 
 const named = (episode) => episode.scenario ?? `episode ${episode.position + 1}`;
 
+/** The drive of an episode that counts. */
+const scored = (row) => (isLost(row) ? null : row.ego);
+
 /** A score of a drive; an unfinished or lost episode has none. */
 const score = (row, name, scores = row.ego) =>
-  scores && row.status === "done" ? number(scores[name]) : missing("the episode has not ended, or was lost");
+  scores && row.status === "done" && !isLost(row) ? number(scores[name]) : missing("the episode has not ended, or was lost");
 
 /** The score by which episodes are sorted. */
 const headline = (ego) => {

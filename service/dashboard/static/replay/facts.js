@@ -6,6 +6,9 @@ import { SIGNS, ending, label, meaning, words } from "../words.js";
 import { parked } from "./parked.js";
 import { explain, explainClosedLoop } from "./score.js";
 
+const LOST =
+  "The traffic was gridlocked, which is not the agent's fault: the episode counts in no score, except means that count lost drives as 0.";
+
 /** A choice of the ego, where there are several. */
 export function choice(replay, player, show) {
   if (replay.egos.length < 2) return null;
@@ -30,6 +33,7 @@ export function why(ego, replay, player, closed = null) {
   return [
     h("p", { class: `status large ${kind}` }, h("i", { "aria-hidden": "true" }, SIGNS[kind]), ending(ego.status)),
     ego.failure && h("p", { class: "reason" }, ego.failure),
+    replay.egos.some((one) => one.status.startsWith("lost: ")) && h("p", { class: "reason" }, LOST),
     h("h2", {}, ego.parking ? "How it parked" : "Why this score"),
     ego.parking ? parked(ego) : closed ? explainClosedLoop(closed) : explain(ego, replay.rules),
     h("h2", {}, titleOf(ego)),
