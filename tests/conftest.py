@@ -13,6 +13,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from dohyo.sumo_networks.world import World
+from tests import compile_once
 from tests.skips import pytest_runtest_makereport as pytest_runtest_makereport
 
 # The same examples in every run; the first call of a kernel may compile it for seconds.
@@ -20,6 +21,7 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, databas
 settings.load_profile("repeatable")
 
 processes.PRELOADED = "tests.preloaded"
+compile_once.install()
 
 Start = Callable[[Scenario], tuple[Simulation, World]]
 MakeEnv = Callable[..., DrivingEnv]

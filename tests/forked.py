@@ -205,6 +205,7 @@ def _become(request: dict[str, Any]) -> str:
 if __name__ == "__main__":
     for module in LOADED:
         import_module(module)
+    import_module("tests.compile_once").install()
     # Else each copy searches these libraries' objects when it ends, which takes two seconds.
     gc.collect()
     gc.freeze()

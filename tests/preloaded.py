@@ -8,3 +8,6 @@ import dohyo.agents.mcts.mbappe
 import dohyo.evaluation.running.executors
 import dohyo.sumo_networks.envs.driving_env
 import dohyo.sumo_networks.preloaded  # noqa: F401
+from tests import compile_once
+
+compile_once.install()
