@@ -112,7 +112,17 @@ def parse_manifest(content: bytes, path: str, kind: type[AnyManifest]) -> AnyMan
     return manifest
 
 
+def manifest_of_record(path: Path) -> Manifest | None:
+    """Manifest of the result folder in which a record lies; None outside one.
+
+    Raises:
+        InvalidInputError: As for `read_manifest`.
+    """
+    folder = path.absolute().parent.parent
+    return read_manifest(folder) if (folder / MANIFEST).exists() else None
+
+
 def part_of_record(path: Path) -> str:
     """Part of the benchmark that was driven with a record, see `Manifest.part`; "" outside a result folder."""
-    folder = path.absolute().parent.parent
-    return read_manifest(folder).part if (folder / MANIFEST).exists() else ""
+    manifest = manifest_of_record(path)
+    return "" if manifest is None else manifest.part

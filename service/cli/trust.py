@@ -8,10 +8,12 @@ from typing import Annotated
 import typer
 
 from dohyo.evaluation.agent import Agent
+from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.episodes.recorded_agents import UntrustedRecordError, build_agents, check_known
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.entries import network_names
 
 Trust = Annotated[
     bool,
@@ -55,3 +57,16 @@ def check_trusted(agent: AgentInfo, path: Path, trust: bool) -> None:
         check_known(agent)
     except UntrustedRecordError as error:
         raise UntrustedRecordError(f"'{path}': {error} (--trust runs whatever the record names)") from error
+
+
+def check_networks(benchmark: Benchmark, path: Path, trust: bool) -> None:
+    """Checks that the networks of the benchmark of a record may be read; with `trust`, any may.
+
+    Raises:
+        UntrustedRecordError: One is not in the catalog here: it may be any file.
+    """
+    known = network_names()
+    if not trust and (others := [name for name in benchmark.networks if name not in known]):
+        raise UntrustedRecordError(
+            f"'{path}': network '{others[0]}' of its benchmark is not in the catalog here (--trust reads it)"
+        )

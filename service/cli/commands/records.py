@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -23,6 +23,7 @@ from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.rows import Evaluation
 from dohyo.evaluation.report.style import probability
 from dohyo.evaluation.running.manifest import part_of_record
+from dohyo.evaluation.running.membership import benchmark_of_record, check_members
 from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import (
@@ -50,7 +51,7 @@ from dohyo.service.cli.output import (
     print_part,
     print_rows,
 )
-from dohyo.service.cli.trust import Policy, Trust, check_trusted, trusted_agents
+from dohyo.service.cli.trust import Policy, Trust, check_networks, check_trusted, trusted_agents
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -128,7 +129,10 @@ def verify(
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ."""
+    """Checks a record's signature and benchmark, drives the episode again and compares.
+
+    Exit code 1 if the hashes differ, 2 if the scenario is not that of the benchmark that the record names.
+    """
     if is_parking_records(record):
         if key or server or signature_only or policy:
             raise InvalidInputError(f"'{record}': records of parking are not signed: expected no option but --trust")
@@ -145,16 +149,21 @@ def verify(
         return
     old = read_record(record)
     signer = check_signature(record, old, key, server)
+    benchmark = benchmark_of_record(old, record)
     if signature_only:
-        _print_verified(record, old, None, signer, part_of_record(record), json)
+        _print_verified(record, old, None, signer, part_of_record(record), json, _named(old, compared=False))
         return
     agents = trusted_agents(old, record, trust, policy)
     try:
+        if benchmark is not None:
+            check_networks(benchmark, record, trust)
+            check_members([(old, record)], benchmark, benchmark.sha256)
         infos = {ego.name: ego.agent for ego in old.egos}
         new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
     finally:
         close_all(agents.values())
-    _print_verified(record, old, new.record_hash, signer, part_of_record(record), json)
+    named = _named(old, compared=benchmark is not None)
+    _print_verified(record, old, new.record_hash, signer, part_of_record(record), json, named)
     if new.record_hash != old.record_hash:
         raise typer.Exit(DIFFERS)
 
@@ -203,14 +212,44 @@ def _verify_morning(path: Path, key: str | None, server: str | None, signature_o
     _print_verified(path, morning, None, signer, "", json)
 
 
-def _print_verified(path: Path, old: Sealed, replayed: str | None, signer: Signer, part: str, json: bool) -> None:
-    """Prints the outcome; `replayed` is the hash of the new drive, None if there was none."""
+def _named(record: EpisodeRecord, *, compared: bool) -> dict[str, Any]:
+    """The benchmark that a record names, and whether its scenario was compared with that of the benchmark."""
+    name, sha256 = record.benchmark or (None, None)
+    return {"name": name, "sha256": sha256, "compared": compared}
+
+
+def _print_verified(
+    path: Path,
+    old: Sealed,
+    replayed: str | None,
+    signer: Signer,
+    part: str,
+    json: bool,
+    benchmark: Mapping[str, Any] | None = None,
+) -> None:
+    """Prints the outcome.
+
+    Args:
+        path: Path of the record.
+        old: The record.
+        replayed: Hash of the new drive; None if there was none.
+        signer: Who signed the record.
+        part: Part of the benchmark, see `part_of_record`.
+        json: Whether to print JSON.
+        benchmark: Of a drive, see `_named`.
+    """
     same = None if replayed is None else replayed == old.record_hash
     if json:
         hashes = {"expected": old.record_hash, "replayed": replayed, "same": same}
-        print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None})
+        told = {} if benchmark is None else {"benchmark": benchmark}
+        print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None} | told)
         return
     console.print(f"signature: {signer}", highlight=False, soft_wrap=True)
+    if benchmark is not None:
+        outcome = "it has this scenario" if benchmark["compared"] else "not compared with it"
+        # In quotes: a stranger's name may have lines of its own.
+        named = f"{benchmark['name']!r:.80} {benchmark['sha256'][:8]!r}, {outcome}" if benchmark["name"] else "none"
+        console.print(f"benchmark: {named}", highlight=False, soft_wrap=True)
     if replayed is None:
         console.print(f"hash right, not driven again: {old.record_hash}", highlight=False, soft_wrap=True)
     else:

@@ -105,7 +105,20 @@ def test_evaluate_prints_one_json_document(evaluated: tuple[Path, Any]) -> None:
 
 def test_verify_proves_a_record_and_tells_a_changed_world(evaluated: tuple[Path, Any], here: Call) -> None:
     record = evaluated[1]["drives"][0]["record"]
-    assert document(here("verify", record, "--trust", "--json"))["same"] is True
+    told = document(here("verify", record, "--trust", "--json"))
+    assert (told["same"], told["benchmark"]["name"], told["benchmark"]["compared"]) == (True, "short", True)
+    shown = here("verify", record, "--signature-only").stdout
+    assert f"benchmark: 'short' '{told['benchmark']['sha256'][:8]}', not compared with it" in shown
+
+
+def test_verify_cannot_compare_a_benchmark_that_is_unknown_here(
+    evaluated: tuple[Path, Any], tmp_path: Path, here: Call
+) -> None:
+    record = Path(evaluated[1]["drives"][0]["record"])
+    for suffix in (".json", ".parquet"):
+        (tmp_path / f"alone{suffix}").write_bytes(record.with_suffix(suffix).read_bytes())
+    told = document(here("verify", str(tmp_path / "alone.json"), "--trust", "--json"))
+    assert (told["same"], told["benchmark"]["compared"]) == (True, False)
 
 
 def test_verify_refuses_a_forged_record(evaluated: tuple[Path, Any], tmp_path: Path, here: Call) -> None:

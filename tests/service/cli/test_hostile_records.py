@@ -17,11 +17,13 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import versions
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.store import read_record, seal, write_record
+from dohyo.evaluation.running.manifest import manifest_of
+from dohyo.service.cli.commands.records import verify
 from dohyo.service.episodes.recorded_agents import UntrustedRecordError, build_agents, check_known
 from dohyo.service.policies.agent import ENTRY as POLICY
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.scenario import content_hash
+from dohyo.sumo_networks.scenario import Scenario, Traffic, content_hash
 from tests.evaluation.builders import drive, ego, episode
 
 ROOT = Path(__file__).parents[3]
@@ -103,6 +105,42 @@ def test_a_setting_may_not_name_a_file(tmp_path: Path) -> None:
     check_known(there)
     with pytest.raises(UntrustedRecordError, match="setting 'rules' names a file"):
         check_known(there.model_copy(update={"settings": {"rules": str(tmp_path)}}))
+
+
+def autopilots(scenario: Scenario) -> EpisodeRecord:
+    """A record of the autopilot in a scenario that is said to be one of quickstart."""
+    agent = agent_info(make_agent(AUTOPILOT), AUTOPILOT, kind="builtin")
+    named = ("quickstart", load_benchmark("quickstart").sha256)
+    return seal(record_of(agent).model_copy(update={"scenario": scenario, "benchmark": named}))
+
+
+@pytest.mark.parametrize("folder", [False, True], ids=["alone", "in a result folder"])
+def test_an_easier_scenario_is_not_that_of_the_benchmark(folder: bool, tmp_path: Path) -> None:
+    """It would drive to the same hash again; whether it is easier, only the benchmark says."""
+    benchmark = load_benchmark("quickstart")
+    scenario = benchmark.scenarios([0])[0].model_copy(update={"traffic": Traffic(vehicles=0, pedestrians=0)})
+    record = autopilots(scenario)
+    path = write_record(tmp_path / "records", "one", record, drive())
+    if folder:
+        manifest = manifest_of({"ego": record.egos[0].agent}, benchmark, benchmark.sha256)
+        (tmp_path / "evaluation.json").write_text(manifest.model_dump_json())
+    with pytest.raises(InvalidInputError, match=r"one\.json: expected scenario 'through-east' .* with other traffic"):
+        verify(path)
+
+
+def test_a_manifest_may_not_name_a_file_as_network(tmp_path: Path) -> None:
+    net = tmp_path / "trap.net.xml"
+    os.mkfifo(net)
+    plain = load_benchmark("quickstart")
+    cells = (*plain.cells, plain.cells[0].model_copy(update={"name": "trap", "network": str(net)}))
+    benchmark = plain.model_copy(update={"cells": cells})
+    record = autopilots(plain.scenarios([0])[0])
+    record = seal(record.model_copy(update={"benchmark": ("quickstart", benchmark.sha256)}))
+    path = write_record(tmp_path / "records", "one", record, drive())
+    manifest = manifest_of({"ego": record.egos[0].agent}, benchmark, benchmark.sha256)
+    (tmp_path / "evaluation.json").write_text(manifest.model_dump_json())
+    with pytest.raises(UntrustedRecordError, match=r"trap\.net\.xml' of its benchmark is not in the catalog"):
+        verify(path)
 
 
 def test_every_agent_of_a_mixed_record_is_checked(tmp_path: Path) -> None:

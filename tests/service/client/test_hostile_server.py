@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import public_key
-from dohyo.evaluation.records.store import write_record
+from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.running.manifest import Manifest
 from dohyo.service.client import downloads
 from dohyo.service.client.client import Client
@@ -81,7 +81,8 @@ def hostile(tmp_path: Path) -> Hostile:
     """Serves a record that names a program as its agent."""
     marker = tmp_path / "ran"
     popen = info("subprocess:Popen", settings={"args": ["touch", str(marker)]})
-    return Hostile(record_of(popen), tmp_path / "server")
+    named = {"benchmark": ("quickstart", load_benchmark("quickstart").sha256)}
+    return Hostile(seal(record_of(popen).model_copy(update=named)), tmp_path / "server")
 
 
 @pytest.fixture
