@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -42,18 +42,47 @@ class Manifest(ResultManifest):
     Attributes:
         others: Agents of single missions, by the name of the mission; empty: `agent` drives all of them.
         missions: Names of the scenarios that are driven; None: all of the benchmark.
+        seeds: Seeds that were ordered, by all runs into the folder; None: unknown, in folders of before.
     """
 
     benchmark: Benchmark
     others: dict[str, AgentInfo] = Field(default_factory=dict, exclude_if=lambda agents: not agents)
     missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
 
+    seeds: Annotated[tuple[int, ...] | None, Field(exclude_if=lambda seeds: seeds is None)] = None
+
     @property
     def part(self) -> str:
-        """What is driven of the benchmark, in words for people; "" if everything is."""
-        if self.missions is None:
-            return ""
-        return f"part of {self.benchmark.name}: {len(self.missions)} of {self.benchmark.size} missions"
+        """What is to be driven of the benchmark, in words for people; "" if everything is."""
+        return self.part_where(0, 0)
+
+    def part_where(self, done: int, ordered: int) -> str:
+        """What is there of the benchmark, in words for people; "" if everything is.
+
+        Args:
+            done: Number of episodes with a record.
+            ordered: Number of all episodes that were ordered, see `count_ordered`.
+        """
+        words = []
+        if self.missions is not None:
+            words.append(f"{len(self.missions)} of {self.benchmark.size} missions")
+        if done < ordered:
+            words.append(f"{done} of {ordered} episodes")
+        return f"part of {self.benchmark.name}: {', '.join(words)}" if words else ""
+
+    def count_ordered(self, found: Iterable[int]) -> int:
+        """Number of episodes that were ordered; the seeds of those found were ordered, too.
+
+        Args:
+            found: Seeds of the records in the folder.
+        """
+        missions = self.benchmark.size if self.missions is None else len(self.missions)
+        return missions if self.benchmark.excerpts else missions * len({*(self.seeds or ()), *found})
+
+    def with_seeds_of(self, earlier: Manifest) -> Manifest:
+        """The manifest with the seeds that an earlier run into the folder ordered before its own."""
+        seeds = tuple(dict.fromkeys((*(earlier.seeds or ()), *(self.seeds or ()))))
+        return self.model_copy(update={"seeds": seeds or None})
 
 
 def manifest_of(
@@ -61,6 +90,7 @@ def manifest_of(
     benchmark: Benchmark,
     benchmark_sha256: str,
     missions: tuple[str, ...] | None = None,
+    seeds: Iterable[int] | None = None,
 ) -> Manifest:
     """Manifest of a run.
 
@@ -69,6 +99,7 @@ def manifest_of(
         benchmark: Benchmark.
         benchmark_sha256: Its content hash.
         missions: Names of the scenarios that are driven; None: all of the benchmark.
+        seeds: Seeds that are ordered; None: unknown.
     """
     first, *_ = infos.values()
     return Manifest(
@@ -77,6 +108,7 @@ def manifest_of(
         benchmark=benchmark,
         benchmark_sha256=benchmark_sha256,
         missions=missions,
+        seeds=None if seeds is None else tuple(dict.fromkeys(seeds)),
     )
 
 
@@ -123,6 +155,10 @@ def manifest_of_record(path: Path) -> Manifest | None:
 
 
 def part_of_record(path: Path) -> str:
-    """Part of the benchmark that was driven with a record, see `Manifest.part`; "" outside a result folder."""
+    """Part of the benchmark that was driven with a record, see `Manifest.part_where`; "" outside a result folder."""
     manifest = manifest_of_record(path)
-    return "" if manifest is None else manifest.part
+    if manifest is None:
+        return ""
+    stems = [one.stem for one in (path.absolute().parent.parent / RECORDS).glob("*.json")]
+    seeds = {int(seed) for stem in stems if (seed := stem.rpartition("-s")[2]).isdecimal()}
+    return manifest.part_where(len(stems), manifest.count_ordered(seeds))

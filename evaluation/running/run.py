@@ -39,12 +39,20 @@ class Result:
         records: Records, one per scenario and seed, in the benchmark's order.
         paths: Paths of the records, in the same order.
         resumed: Number of records that an earlier run had finished.
+        ordered: Number of episodes that were ordered; those without a record are not driven yet, or lack their files.
     """
 
     manifest: Manifest
     records: tuple[EpisodeRecord, ...]
     paths: tuple[Path, ...]
     resumed: int
+    ordered: int
+
+    @property
+    def part(self) -> str:
+        """What was driven of the benchmark, in words for people; "" if everything was."""
+        done = {(record.scenario.name, record.scenario.seed) for record in self.records}
+        return self.manifest.part_where(len(done), self.ordered)
 
 
 def run_benchmark(
@@ -90,12 +98,13 @@ def run_benchmark(
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
     given = {REST: _described(agents, settings, kind, benchmark)} if isinstance(agents, str) else agents
-    everything = benchmark.scenarios(seeds if seeds is not None else benchmark.seeds)
+    seeds = seeds if seeds is not None else benchmark.seeds
+    everything = benchmark.scenarios(seeds)
     infos = assign(given, (mission.name for scenario in everything for mission in scenario.missions))
     scenarios = select(everything, only, sample)
     missions = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
-    manifest = manifest_of(infos, benchmark, benchmark.sha256, missions if len(missions) < benchmark.size else None)
-    _claim(out, manifest)
+    part = missions if len(missions) < benchmark.size else None
+    manifest = _claim(out, manifest_of(infos, benchmark, benchmark.sha256, part, seeds))
 
     stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
     finished = {stem: record for stem, record in _finished(out, stems, scenarios, manifest) if record is not None}
@@ -123,6 +132,7 @@ def run_benchmark(
         records=tuple(finished[stem] for stem in stems),
         paths=tuple(out / RECORDS / f"{stem}.json" for stem in stems),
         resumed=resumed,
+        ordered=len(scenarios),
     )
 
 
@@ -141,7 +151,8 @@ def read_result(out: Path) -> Result:
     order = {scenario.name: i for i, scenario in enumerate(manifest.benchmark.scenarios([0]))}
     found.sort(key=lambda pair: (pair[0].scenario.seed, order[pair[0].scenario.name]))
     records, paths = zip(*found, strict=True)
-    return Result(manifest, records, paths, len(records))
+    ordered = manifest.count_ordered(record.scenario.seed for record in records)
+    return Result(manifest, records, paths, len(records), ordered)
 
 
 def assign(agents: Mapping[str, AgentInfo], missions: Iterable[str]) -> dict[str, AgentInfo]:
@@ -175,13 +186,14 @@ def _described(entry: str, settings: Mapping[str, Any] | None, kind: Kind, bench
         agent.close()
 
 
-def _claim(out: Path, manifest: Manifest) -> None:
-    """Writes the manifest, unless the existing one says the same."""
+def _claim(out: Path, manifest: Manifest) -> Manifest:
+    """Writes the manifest, unless the existing one says the same; returns it with the seeds of all runs."""
     if (out / MANIFEST).exists():
         there = read_manifest(out)
         _check_continues(out, there, manifest)
-        if there.missions == manifest.missions:
-            return
+        manifest = manifest.with_seeds_of(there)
+        if (there.missions, there.seeds) == (manifest.missions, manifest.seeds):
+            return manifest
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -189,6 +201,7 @@ def _claim(out: Path, manifest: Manifest) -> None:
     if not os.access(out, os.W_OK):
         raise InvalidInputError(f"cannot write results to '{out}': no permission")
     write_atomically(out / MANIFEST, manifest.model_dump_json(indent=1).encode())
+    return manifest
 
 
 def _check_continues(out: Path, there: Manifest, manifest: Manifest) -> None:

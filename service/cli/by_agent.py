@@ -44,7 +44,7 @@ def _evaluation(name: str, agent: AgentInfo, results: Sequence[Result]) -> Evalu
         records=tuple(record for record, _ in drives),
         record_paths=tuple(path for _, path in drives),
         metric=manifest.benchmark.metric,
-        part="; ".join(dict.fromkeys(result.manifest.part for result in results if result.manifest.part)),
+        part="; ".join(dict.fromkeys(result.part for result in results if result.part)),
     )
 
 

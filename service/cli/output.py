@@ -105,7 +105,7 @@ def _rate(summary: Summary, kind: str) -> str:
 
 
 def print_part(part: str, of: str = "") -> None:
-    """Prints that an agent has driven only a part of a benchmark, see `Manifest.part`; nothing if it drove all."""
+    """Prints that an agent has driven only a part of a benchmark, see `Result.part`; nothing if it drove all."""
     if part:
         console.print(f"{of}{part}; the scores are not those of the benchmark", highlight=False)
 

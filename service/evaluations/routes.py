@@ -136,11 +136,12 @@ def get_evaluation_manifest(
         evaluation = find_visible(session, caller, identifier)
         require(session, caller, evaluation, Aspect.RECORDS)
         benchmark, sha256 = read_benchmark(evaluation.benchmark.document), evaluation.benchmark_sha256
+        seeds = evaluation.seeds
         agent = AgentInfo.model_validate(evaluation.submission.info)
         others = {one.ego: AgentInfo.model_validate(one.submission.info) for one in evaluation.egos}
     if isinstance(benchmark, Benchmark):
         names = [mission.name for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
-        return manifest_of({name: others.get(name, agent) for name in names}, benchmark, sha256)
+        return manifest_of({name: others.get(name, agent) for name in names}, benchmark, sha256, seeds=seeds)
     if isinstance(benchmark, ParkingBenchmark):
         return LotsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
     if isinstance(benchmark, ForecastBenchmark):

@@ -140,7 +140,7 @@ def _print_document(result: Result) -> None:
     summary = scores_document([summarise(one.records, rules=rules) for one in evaluations], result.records)
     cells = [summarise_cells(one.records, rules=rules) for one in evaluations]
     by_cell = {"cells": {cell: as_document(one) for cell, one in cells[0].items()}} if len(cells) == 1 else {}
-    part = {"part": result.manifest.part or None, "missions": result.manifest.missions}
+    part = {"part": result.part or None, "missions": result.manifest.missions}
     scored = _closed_loop_scores(result)
     closed = {"closed_loop": closed_loop_document(scored, lost_drives(result.records))} if scored else {}
     print_json(summary | part | by_cell | {"drives": _drives(result)} | closed)
@@ -165,7 +165,7 @@ def _print_tables(result: Result) -> None:
             [replace(summary, agent=one.agent) for one, summary in zip(evaluations, summaries, strict=True)]
         )
         print_meetings(result.records)
-    print_part(result.manifest.part)
+    print_part(result.part)
     console.print(f"records in {result.paths[0].parent}")
 
 

@@ -286,7 +286,8 @@ def score(
         print_terms(scored)
     print_comparison(summaries)
     print_meetings(loaded)
-    for part in sorted({part_of_record(path) for path in records}):
+    folders = {path.absolute().parent: path for path in records}  # each is read once, not for every record
+    for part in sorted({part_of_record(path) for path in folders.values()}):
         print_part(part)
 
 

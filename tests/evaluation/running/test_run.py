@@ -268,6 +268,45 @@ def test_a_part_says_so_and_is_completed_with_the_records_of_the_whole(tmp_path:
         run_benchmark(three, STEADY, seeds=[0], sample=2, out=tmp_path)
 
 
+def test_missing_episodes_are_told_and_more_seeds_are_ordered_beside_the_first(tmp_path: Path) -> None:
+    two, out = benchmark(goal_m=10.0), tmp_path / "out"
+    first = run_benchmark(two, STEADY, seeds=[0, 1], out=out)
+    assert (first.part, read_result(out).part, part_of_record(first.paths[0])) == ("", "", "")
+    kept = {path: path.read_bytes() for path in first.paths}
+    for path in first.paths[1:]:
+        path.unlink()
+    words = "part of short: 1 of 4 episodes"
+    assert (read_result(out).part, part_of_record(first.paths[0])) == (words, words)
+
+    other = run_benchmark(two, STEADY, seeds=[5], out=out)
+    assert other.part == "", "all that was ordered now is there"
+    assert read_result(out).part == "part of short: 3 of 6 episodes"
+    assert json.loads((out / "evaluation.json").read_text())["seeds"] == [0, 1, 5]
+    for path, content in kept.items():
+        path.write_bytes(content)
+    assert read_result(out).part == ""
+
+
+def test_missing_episodes_of_a_part_are_told_too(tmp_path: Path) -> None:
+    three = benchmark(missions=3, goal_m=10.0)
+    run_benchmark(three, STEADY, seeds=[0], only=["drive-1"], out=tmp_path)
+    run_benchmark(three, STEADY, seeds=[1], only=["drive-[01]"], out=tmp_path)
+    assert read_result(tmp_path).part == "part of short: 2 of 3 missions, 3 of 4 episodes"
+
+
+def test_a_manifest_without_seeds_is_read_by_the_seeds_of_its_records(tmp_path: Path) -> None:
+    result = run_benchmark(benchmark(goal_m=10.0), STEADY, seeds=[0, 1], out=tmp_path)
+    manifest = json.loads((tmp_path / "evaluation.json").read_text())
+    del manifest["seeds"]
+    (tmp_path / "evaluation.json").write_text(json.dumps(manifest))
+    assert read_result(tmp_path).part == ""
+    result.paths[0].unlink()
+    assert read_result(tmp_path).part == "part of short: 3 of 4 episodes"
+    again = run_benchmark(benchmark(goal_m=10.0), STEADY, seeds=[2], out=tmp_path)
+    assert json.loads((tmp_path / "evaluation.json").read_text())["seeds"] == [2]
+    assert (again.part, read_result(tmp_path).part) == ("", "part of short: 5 of 6 episodes")
+
+
 def test_a_sample_of_all_missions_is_the_benchmark(tmp_path: Path) -> None:
     result = run_benchmark(benchmark(missions=1), STEADY, seeds=[0], sample=1, out=tmp_path)
     assert result.manifest.part == ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -274,3 +275,18 @@ def test_a_part_of_a_benchmark_is_marked_by_every_command(tmp_path: Path, here: 
     assert "no cell or mission named 'agin'; did you mean 'again'?" in unknown.stderr
     assert "--sample" in here("evaluate", *order, "--sample", "3").stderr
     assert "--only" in here("evaluate", *order, "--only", "again,").stderr
+
+
+def test_missing_episodes_are_marked_by_every_command(
+    evaluated: tuple[Path, Any], short: Path, tmp_path: Path, here: Call
+) -> None:
+    shutil.copytree(evaluated[0], tmp_path / "a")
+    (tmp_path / "a" / "records" / "along-s1.json").unlink()
+    record, words = tmp_path / "a" / "records" / "along-s0.json", "part of short: 1 of 2 episodes"
+    compared = here("report", str(tmp_path / "a"), "--out", str(tmp_path / "report.html"))
+    assert f"steady: {words}; the scores are not those of the" in compared.stdout
+    assert f"{words}. Its scores are not those of the benchmark." in (tmp_path / "report.html").read_text()
+    assert f"{words}; the scores are not" in here("score", str(record)).stdout
+    assert document(here("verify", str(record), "--signature-only", "--json"))["part"] == words
+    order = ["--agent", STEADY, "--benchmark", str(short), "--out", str(tmp_path / "a"), "--json"]
+    assert document(here("evaluate", *order))["part"] is None, "it has driven what was missing"

@@ -51,6 +51,7 @@ def test_a_mixed_run_names_the_agent_of_each_ego_and_is_practice(stored: Harness
     assert team.get("/v1/benchmarks/fleet").json()["egos"] == list(EGOS)
     manifest = team.get(f"/v1/evaluations/{mixed['id']}/manifest").json()
     assert (manifest["agent"]["name"], sorted(manifest["others"])) == ("b", sorted(set(EGOS) - set(egos)))
+    assert manifest["seeds"] == mixed["seeds"]
 
     alone = order(team, {"west-1": {"agent": "a"}}).json()
     assert alone["egos"] == {}, "an ego that is given to the run's own agent is no mix"
