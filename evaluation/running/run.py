@@ -107,7 +107,7 @@ def run_benchmark(
     manifest = _claim(out, manifest_of(infos, benchmark, benchmark.sha256, part, seeds))
 
     stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
-    finished = {stem: record for stem, record in _finished(out, stems, scenarios, manifest) if record is not None}
+    finished = _finished(out, stems, scenarios, manifest, infos)
     resumed = len(finished)
     todo = [scenario for scenario, stem in zip(scenarios, stems, strict=True) if stem not in finished]
     prepare_logs(todo, benchmark.reference_agent, getattr(executor, "workers", None) or 1, preparing)
@@ -228,20 +228,32 @@ def _check_continues(out: Path, there: Manifest, manifest: Manifest) -> None:
 
 
 def _finished(
-    out: Path, stems: Sequence[str], scenarios: Sequence[Scenario], manifest: Manifest
-) -> list[tuple[str, EpisodeRecord | None]]:
-    """Records whose episodes need not be driven again: whole, of this version, and not lost to the infrastructure."""
+    out: Path,
+    stems: Sequence[str],
+    scenarios: Sequence[Scenario],
+    manifest: Manifest,
+    infos: Mapping[str, AgentInfo],
+) -> dict[str, EpisodeRecord]:
+    """Records whose episodes need not be driven again: whole, of this run and version, and not lost to the machine.
+
+    Records may be older than the manifest, which somebody may have removed: what they say of themselves decides.
+    """
     now = {name: versions(load_network(name)) for name in manifest.benchmark.networks}
-    found = []
+    label, found = (manifest.benchmark.name, manifest.benchmark_sha256), dict[str, EpisodeRecord]()
     for stem, scenario in zip(stems, scenarios, strict=True):
         path = out / RECORDS / f"{stem}.json"
-        record = _usable(path) if path.exists() else None
-        if record is not None:
-            lost = any(ego.status.worth_another_try for ego in record.egos)
-            if lost or record.scenario != scenario or record.versions != now[scenario.network]:
-                record = None
-        found.append((stem, record))
+        if not path.exists() or (record := _usable(path)) is None:
+            continue
+        lost = any(ego.status.worth_another_try for ego in record.egos)
+        same_world = (record.scenario, record.versions) == (scenario, now[scenario.network])
+        if not lost and same_world and record.benchmark == label and _drove(record, infos):
+            found[stem] = record
     return found
+
+
+def _drove(record: EpisodeRecord, infos: Mapping[str, AgentInfo]) -> bool:
+    """Whether the agents of this run drove all egos of a record."""
+    return all(ego.agent == infos.get(ego.name) for ego in record.egos)
 
 
 def _usable(path: Path) -> EpisodeRecord | None:

@@ -93,6 +93,24 @@ def test_a_damaged_record_is_driven_again(tmp_path: Path) -> None:
     assert hashes(again) == hashes(first)
 
 
+def test_records_of_another_agent_or_benchmark_are_driven_again(tmp_path: Path) -> None:
+    """The manifest, which would refuse them, is gone."""
+    short = benchmark(missions=1, goal_m=10.0)
+    first = run_benchmark(short, STEADY, out=tmp_path)
+    (tmp_path / "evaluation.json").unlink()
+    other = run_benchmark(short, STEADY, settings={"after": 3}, out=tmp_path)
+    assert other.resumed == 0
+    assert [record.egos[0].agent.settings for record in other.records] == [{"after": 3}] * 2
+    (tmp_path / "evaluation.json").unlink()
+    renamed = short.model_copy(update={"name": "renamed"})
+    again = run_benchmark(renamed, STEADY, settings={"after": 3}, out=tmp_path)
+    assert again.resumed == 0
+    assert {record.benchmark for record in again.records} == {("renamed", renamed.sha256)}
+    (tmp_path / "evaluation.json").unlink()
+    assert run_benchmark(renamed, STEADY, settings={"after": 3}, out=tmp_path).resumed == 2
+    assert hashes(first) == hashes(run_benchmark(short, STEADY, out=tmp_path / "alone"))
+
+
 def test_one_failing_episode_leaves_the_others(tmp_path: Path) -> None:
     result = run_benchmark(benchmark(), "tests.evaluation.agents:FailsOnSeedOne", out=tmp_path)
     statuses = [record.egos[0].status for record in result.records]
