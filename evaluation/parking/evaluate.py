@@ -47,10 +47,15 @@ def evaluate_parking(
         tell: Called with the number of lots driven and of all lots.
 
     Raises:
-        InvalidInputError: The agent cannot be made, or the folder holds another evaluation or cannot be written.
+        InvalidInputError: A lot comes twice, the agent cannot be made, or the folder holds another evaluation or cannot
+            be written.
         SimulationError: A process died.
     """
     chosen = list(benchmark.seeds if seeds is None else seeds)
+    if len(set(chosen)) < len(chosen):
+        raise InvalidInputError(
+            f"benchmark '{benchmark.name}': expected every lot once, got {len(chosen)} seeds of {len(set(chosen))} lots"
+        )
     try:
         info = _info(entry, settings, kind)
     except OtherFamilyError as error:

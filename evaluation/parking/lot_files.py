@@ -79,7 +79,7 @@ def read_lots(folder: Path) -> list[ParkingRecord]:
     """Reads the records of fetched lots, by seed.
 
     Raises:
-        InvalidInputError: There is none, one is damaged, or they are of several agents or benchmarks.
+        InvalidInputError: One is damaged, or as for `check_alike`.
     """
     records = [read_lot(path) for path in (folder / RECORDS).glob("*.json")]
     check_alike(records, folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -106,10 +107,11 @@ def write_records(folder: Path, records: Sequence[ParkingRecord]) -> Path:
 
 
 def read_records(path: Path) -> list[ParkingRecord]:
-    """Reads the records of an evaluation, all of one agent on one benchmark.
+    """Reads the records of an evaluation, all of one agent on one benchmark, each of another lot.
 
     Raises:
-        InvalidInputError: The file is missing or too large, a line is no record, or its hash is another one.
+        InvalidInputError: The file is missing or too large, a line is no record, or its hash is another one; or as for
+            `check_alike`.
     """
     try:
         if path.stat().st_size > LARGEST_BYTES:
@@ -123,20 +125,25 @@ def read_records(path: Path) -> list[ParkingRecord]:
 
 
 def check_alike(records: Sequence[ParkingRecord], path: Path) -> None:
-    """Checks that records are of one evaluation.
+    """Checks that records are of one evaluation, and that no lot comes twice.
+
+    A lot that comes twice adds no evidence, and would narrow the intervals.
 
     Args:
         records: Records of one file or folder.
         path: Its place in messages.
 
     Raises:
-        InvalidInputError: There is none, or they are of several agents or benchmarks.
+        InvalidInputError: There is none, they are of several agents or benchmarks, or a lot comes twice.
     """
     if not records:
         raise InvalidInputError(f"'{path}': expected records of parking, got none")
     first = records[0]
     if any((one.benchmark.sha256, one.agent) != (first.benchmark.sha256, first.agent) for one in records):
         raise InvalidInputError(f"'{path}': expected records of one agent on one benchmark")
+    seed, times = Counter(one.seed for one in records).most_common(1)[0]
+    if times > 1:
+        raise InvalidInputError(f"'{path}': expected every lot once, got the one with seed {seed} {times} times")
 
 
 def is_parking_records(path: Path) -> bool:

@@ -17,6 +17,7 @@ from dohyo.evaluation.families import Family
 from dohyo.evaluation.parking import running
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
+from dohyo.evaluation.parking.lot_files import read_lots
 from dohyo.evaluation.parking.motion import MOTION, read_motion
 from dohyo.evaluation.parking.page import Evaluated, write_parking_page
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
@@ -73,6 +74,24 @@ def test_records_replay_to_their_hashes_and_an_edited_one_is_refused(three, tmp_
     edited.write_text("")
     with pytest.raises(InvalidInputError, match="expected records of parking, got none"):
         read_records(edited)
+
+
+def test_a_lot_that_comes_twice_is_refused(three, tmp_path):
+    """Written ten times, the same lots would narrow the interval by a factor of three."""
+    folder, records = three
+    (tmp_path / RECORDS).write_text((folder / RECORDS).read_text() * 10)
+    with pytest.raises(InvalidInputError, match=f"{RECORDS}': expected every lot once, .* seed {SEEDS[0]} 10 times"):
+        read_records(tmp_path / RECORDS)
+    (tmp_path / "fetched" / "records").mkdir(parents=True)
+    for name in ("lot-s1.json", "lot-s2.json"):
+        (tmp_path / "fetched" / "records" / name).write_text(records[0].model_dump_json())
+    with pytest.raises(InvalidInputError, match=f"fetched': expected every lot once, got .* seed {SEEDS[0]} 2 times"):
+        read_lots(tmp_path / "fetched")
+    with pytest.raises(InvalidInputError, match="expected every lot once, got 3 seeds of 2 lots"):
+        evaluate_parking(
+            load_parking_benchmark("parking-three"), f"{HERE}:Greedy", {}, "local", [1, 2, 1], tmp_path / "out"
+        )
+    assert not (tmp_path / "out").exists()
 
 
 def test_processes_drive_as_one_does(three, monkeypatch):
