@@ -25,7 +25,7 @@ from dohyo.evaluation.parking.result import count_karts
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, run_benchmark
-from dohyo.evaluation.scores.driving import infraction_rate_score
+from dohyo.evaluation.scores.driving import Rules, infraction_rate_score
 from dohyo.evaluation.scores.nuplan.summary import score_records
 from dohyo.evaluation.summary import score_drive
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -96,7 +96,8 @@ def _drives(discipline: Discipline, entrant: Entrant, out: Path, workers: int, p
     closed = _closed_loop(result)
     for record in result.records:
         name, seed = record.scenario.name, record.scenario.seed
-        measured = {"lost": record.egos[0].status.value} if record.lost else _measures(record)
+        rules = result.manifest.benchmark.rules
+        measured = {"lost": record.egos[0].status.value} if record.lost else _measures(record, rules)
         yield {**_cell(discipline, entrant, name, seed), **measured, **closed.get((name, seed), {})}
 
 
@@ -108,10 +109,10 @@ def _closed_loop(result: Result) -> dict[tuple[str, int], Row]:
     return {(one.scenario, one.seed): {"closed_loop": one.terms.score} for one in scored}
 
 
-def _measures(record: EpisodeRecord) -> Row:
-    """Scores of a drive in %, its infractions, and the median time of a decision, ms."""
+def _measures(record: EpisodeRecord, rules: Rules) -> Row:
+    """Scores of a drive in % by the rules of its benchmark, its infractions, and the median time of a decision, ms."""
     ego = record.egos[0]
-    scores = score_drive(ego)
+    scores = score_drive(ego, rules=rules)
     decision = record.timing.decision_ms.get(ego.name) if record.timing is not None else None
     return {
         "status": ego.status.value,

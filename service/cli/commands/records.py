@@ -55,7 +55,10 @@ from dohyo.service.cli.trust import Policy, Trust, check_networks, check_trusted
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.errors import InvalidInputError
 
-RulesOption = Annotated[Literal["1.0", "2.0", "2.1"], typer.Option(help="CARLA Leaderboard rules of the score.")]
+RulesOption = Annotated[
+    Literal["1.0", "2.0", "2.1"] | None,
+    typer.Option(help="CARLA Leaderboard rules of the score; default: those of the benchmark."),
+]
 IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
 DIFFERS = 1
 
@@ -63,7 +66,7 @@ DIFFERS = 1
 def report(
     folders: Annotated[list[Path], typer.Argument(help="Result folders of dohyo evaluate.")],
     out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
-    rules: RulesOption = "2.0",
+    rules: RulesOption = None,
     irs_length: IrsOption = "driven",
 ) -> None:
     """Compares evaluations: a table here, and one self-contained HTML file."""
@@ -77,6 +80,7 @@ def report(
     benchmarks = {result.manifest.benchmark_sha256 for result in results}
     if len(benchmarks) > 1:
         raise InvalidInputError(f"these folders hold {len(benchmarks)} different benchmarks; compare one at a time")
+    rules = rules or results[0].manifest.benchmark.rules
     evaluations = evaluations_of(results)
     summaries = [summarise(one.records, rules=rules, irs_length=irs_length) for one in evaluations]
     print_comparison([replace(summary, agent=one.agent) for one, summary in zip(evaluations, summaries, strict=True)])
@@ -259,13 +263,14 @@ def _print_verified(
 
 def score(
     records: Annotated[list[Path], typer.Argument(help="Records, NAME.json, of one evaluation.")],
-    rules: RulesOption = "2.0",
+    rules: RulesOption = None,
     irs_length: IrsOption = "driven",
     json: Json = False,
 ) -> None:
     """Recomputes every score from the raw events."""
     loaded = [read_record(path) for path in records]
     scored = score_records((record, path) for record, path in zip(loaded, records, strict=True) if applies(record))
+    rules = rules or _rules_of(loaded[0], records[0])
     summaries = _by_agent(loaded, rules, irs_length)
     if json:
         drives = _drives(records, loaded, rules, irs_length)
@@ -289,6 +294,12 @@ def score(
     folders = {path.absolute().parent: path for path in records}  # each is read once, not for every record
     for part in sorted({part_of_record(path) for path in folders.values()}):
         print_part(part)
+
+
+def _rules_of(record: EpisodeRecord, path: Path) -> Rules:
+    """Rules of the benchmark of a record; 2.0 where it has none, or an unknown one."""
+    benchmark = benchmark_of_record(record, path)
+    return "2.0" if benchmark is None else benchmark.rules
 
 
 def _by_agent(records: Sequence[EpisodeRecord], rules: Rules, irs_length: IrsLength) -> list[Summary]:

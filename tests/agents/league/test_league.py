@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from dohyo.agents.league import league
+from dohyo.agents.league import evaluating, league
 from dohyo.agents.league.edition import Edition, read_edition
 from dohyo.agents.league.figures import Driver, drivers, front, label_places, profiles
 from dohyo.agents.league.page import page
@@ -20,10 +20,15 @@ from dohyo.agents.league.standings import standings
 from dohyo.agents.registry import agent_entries
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row, read_rows
+from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.families import Family
+from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.evaluation.running.manifest import manifest_of
+from dohyo.evaluation.running.run import Result
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.evaluation.builders import ego, episode, infraction
 
 SMALL = """
 name = "small"
@@ -102,6 +107,18 @@ def test_rows_hold_scores_and_the_hash_of_the_record_that_an_evaluation_keeps(dr
     (record,) = (driven / "junction" / "reckless" / "records").glob("*.json")
     assert rows["junction", "reckless", 5]["record_hash"] == json.loads(record.read_text())["record_hash"]
     assert 0.0 <= rows["junction", "reckless", 5]["driving_score"] < 100.0
+
+
+def test_a_drive_is_scored_by_the_rules_of_its_benchmark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    edition = of_drivers("reckless")
+    hit = ego(infraction(InfractionKind.COLLISION_VEHICLE), infraction(InfractionKind.RED_LIGHT))
+    for rules, score in (("2.0", 80.0 * 0.6 * 0.7), ("2.1", 80.0 / (1.0 + 0.7 + 0.4))):
+        benchmark = load_benchmark("quickstart").model_copy(update={"rules": rules})
+        manifest = manifest_of({"ego": hit.agent}, benchmark, benchmark.sha256)
+        result = Result(manifest, (episode(hit),), (tmp_path / "one.json",), resumed=0, ordered=1)
+        monkeypatch.setattr(evaluating, "run_benchmark", lambda *_, result=result, **__: result)
+        (row,) = evaluating.evaluate(edition.discipline("junction"), edition.entrants[0], tmp_path)
+        assert row["driving_score"] == pytest.approx(score)
 
 
 def test_a_second_run_drives_nothing_and_changes_no_row(driven: Path, edition: Path) -> None:
