@@ -48,7 +48,6 @@ class Manifest(ResultManifest):
     benchmark: Benchmark
     others: dict[str, AgentInfo] = Field(default_factory=dict, exclude_if=lambda agents: not agents)
     missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
-
     seeds: Annotated[tuple[int, ...] | None, Field(exclude_if=lambda seeds: seeds is None)] = None
 
     @property
