@@ -36,7 +36,7 @@ def result(ours: Units, theirs: Units, name: str = "mine") -> FreewayResult:
 
 
 def test_means_roots_and_paired_differences() -> None:
-    got = result(units(1.0, 4.0, 9.0, 16.0), units(2.0, 8.0, 18.0, 32.0))
+    got = result(units(*[1.0, 4.0, 9.0, 16.0] * 2), units(*[2.0, 8.0, 18.0, 32.0] * 2))
     assert got.estimates["mse"].mean == pytest.approx(7.5)
     assert got.estimates["rmse"].mean == pytest.approx(7.5**0.5)
     assert got.estimates["rmse"].low == pytest.approx((got.estimates["mse"].low or 0.0) ** 0.5)
@@ -65,7 +65,7 @@ def test_a_folder_keeps_its_evaluation(tmp_path: Path) -> None:
     claim(tmp_path, one.benchmark, one.agent)
     document = json.loads(write_result(tmp_path, one).read_text())
     assert document["record_hash"] == one.record_hash
-    assert document["scores"]["mse"]["difference"]["verdict"] == "<"
+    assert document["scores"]["mse"]["difference"]["verdict"] == "=", "two days show nothing"
     claim(tmp_path, one.benchmark, one.agent)
     for other in (dataclasses.replace(one.agent, name="other"), dataclasses.replace(one.agent, settings={})):
         with pytest.raises(InvalidInputError, match="holds another evaluation"):

@@ -9,7 +9,7 @@ from tests.service.evaluations.test_scoring import entry
 
 
 def test_pairs_are_compared_drive_by_drive() -> None:
-    a, b = entry("a", drives([50.0, 60.0, 70.0])), entry("b", drives([40.0, 50.0, 60.0]))
+    a, b = entry("a", drives([50.0, 60.0, 70.0] * 2)), entry("b", drives([40.0, 50.0, 60.0] * 2))
     document = compare_entries([a, b], "driving_score")
     (pair,) = document["pairs"]
     assert (pair["a"], pair["b"]) == ("ev-a", "ev-b")

@@ -69,9 +69,9 @@ def test_a_row_is_compared_with_the_one_above() -> None:
 
 
 def test_entries_without_a_significant_difference_share_a_rank() -> None:
-    a = entry("a", drives([60.0, 40.0, 60.0, 40.0]))
-    b = entry("b", drives([40.0, 59.0, 41.0, 58.0]))
-    c = entry("c", drives([1.0, 2.0, 1.0, 2.0]))
+    a = entry("a", drives([60.0, 40.0] * 4))
+    b = entry("b", drives([40.0, 59.0, 41.0, 58.0] * 2))
+    c = entry("c", drives([1.0, 2.0] * 4))
     assert ranked([c, b, a]) == [(1, "a"), (1, "b"), (3, "c")]
 
 

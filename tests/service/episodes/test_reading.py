@@ -44,9 +44,9 @@ def on_a_network() -> EpisodeRecord:
 
 def test_the_leaderboard_ranks_complete_ranked_runs_the_first_of_each_submission(shop: Shop) -> None:
     good, bad = shop.submission("good"), shop.submission("bad")
-    first, _ = shop.evaluation(bad, records(20.0, 20.0, 20.0))
-    shop.evaluation(good, records(80.0, 80.0, 80.0))
-    shop.evaluation(bad, records(99.0, 99.0, 99.0))  # a later one of the same submission, luckier
+    first, _ = shop.evaluation(bad, records(*[20.0] * 6))
+    shop.evaluation(good, records(*[80.0] * 6))
+    shop.evaluation(bad, records(*[99.0] * 6))  # a later one of the same submission, luckier
     shop.evaluation(shop.submission("running"), records(99.0), status=EvaluationStatus.RUNNING)
     shop.evaluation(shop.submission("cancelled"), records(99.0), status=EvaluationStatus.CANCELLED)
     shop.evaluation(shop.submission("practice"), records(99.0), ranked=False)

@@ -54,10 +54,10 @@ def test_types_keep_their_order_and_their_drives() -> None:
 
 
 def test_agents_are_compared_on_the_drives_of_both() -> None:
-    first = [drive(str(i), GOOD) for i in range(5)]
-    second = [drive(str(i), CRASH) for i in range(1, 9)]
+    first = [drive(str(i), GOOD) for i in range(7)]
+    second = [drive(str(i), CRASH) for i in range(1, 11)]
     comparison = compare_closed_loop(first, second)
-    assert (comparison.verdict, comparison.difference.n, comparison.difference.mean) == (">", 4, 100.0)
+    assert (comparison.verdict, comparison.difference.n, comparison.difference.mean) == (">", 6, 100.0)
 
 
 def test_the_document_holds_every_drive() -> None:
