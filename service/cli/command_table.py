@@ -58,7 +58,7 @@ COMMANDS: dict[str, Command | Group] = {
     "report": Command("records:report", "Compares evaluations: a table here, and one self-contained HTML file."),
     "verify": Command(
         "records:verify",
-        "Checks a record's signature, drives the episode again and compares. Exit code 1 if the hashes differ.",
+        "Checks a record's signature and benchmark, drives the episode again and compares.",
     ),
     "score": Command("records:score", "Recomputes every score from the raw events."),
     "league": Group(
