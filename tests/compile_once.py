@@ -40,7 +40,7 @@ def _compile_once(self: Any, signature: Any) -> Any:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keeps other processes out. Kernels call each other without circles, so that nobody waits for himself."""
+    """Keeps other processes out. Kernels call each other without circles, so that no process waits for itself."""
     if path in _held:  # one kernel for two signatures
         yield
         return

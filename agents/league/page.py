@@ -38,7 +38,7 @@ In bold stands who leads a discipline, and everybody whose paired difference to 
 
 _RULES: Final = """## Rules
 
-* Entrants are compared on the same drives. A difference counts if it is significant at 5 %, by flipped signs of the paired differences and after Holm's correction over all pairs of a discipline. Intervals are 95 % bootstraps over drives, not corrected.
+* Entrants are compared on the same drives. A difference counts if it is significant at 5 %, by flipped signs of the paired differences and after Holm's correction over all pairs of a discipline. Intervals are 95 %, bootstraps over drives or Wilson's of single vehicles' shares, and not corrected.
 * Seeds of one mission are drives in different traffic, and count each. A difference is thus one on these missions, in any traffic. Of other missions six or eight say little: if all seeds of a mission count once, differences are significant among the accidents and the excerpts alone (a trial).
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.

@@ -13,13 +13,13 @@ from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import ActorKind, World
 
 WATCH_S = 1.0
 MOVING_MPS = 0.5
 JAMMED_S = 120.0
 QUEUE_GAP_M = 8.0
-SIGHT_M = 100.0  # what is farther, no world holds
 SAME_DIRECTION_RAD = math.radians(45.0)
 _QUEUEING = (ActorKind.CAR, ActorKind.VAN, ActorKind.TRUCK, ActorKind.BUS, ActorKind.BICYCLE)
 
@@ -48,8 +48,8 @@ class Blocked(Criterion):
 
     A gridlock is a kind of its own, since it says nothing about the agent: the ego queues behind a vehicle of the
     traffic that drove before and has stood for two minutes itself. A vehicle that never moved is parked, and the ego
-    has to pass it; so it has where the queue stands before something that belongs to its route: an actor of its own
-    events, or a static object.
+    has to pass it; so it has where the queue stands before a static object, or before an actor of the ego's own events
+    that never moved. Vehicles of a flow drove, and are traffic.
 
     Attributes:
         standing_mps: An ego slower than this is standing, m/s.
@@ -77,7 +77,7 @@ class Blocked(Criterion):
         if standing_s > self.limit_s and not self._reported:
             self._reported = True
             leader = _leader(after, ego)
-            jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S and not _obstructed(after, ego)
+            jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S and not self._obstructed(after, ego)
             kind = InfractionKind.GRIDLOCK if jammed else InfractionKind.BLOCKED
             actor = after.name_of(int(after.actors.key[leader])) if jammed else None
             yield infraction(kind, after, ego, standing_s, actor=actor)
@@ -90,19 +90,17 @@ class Blocked(Criterion):
         elif self._since == math.inf:
             self._since = world.time
 
-
-def _obstructed(world: World, ego: int) -> bool:
-    """Whether a static object, or an actor of the ego's events, stands in its way, in sight."""
-    egos, actors, route = world.egos, world.actors, world.routes[ego]
-    scripted = [key for event in world.events if event.ego == ego for key in event.actors]
-    set_up = np.isin(actors.key, scripted) | (actors.kind == ActorKind.STATIC)
-    for row in np.flatnonzero(set_up & (actors.speed <= MOVING_MPS)).tolist():
-        x, y = actors.position[row].tolist()
-        along, aside, _ = route.project(x, y, egos.progress.item(ego), ahead=SIGHT_M)
-        beside = abs(aside) > 0.5 * (egos.width.item(ego) + actors.width.item(row))
-        if along > egos.progress.item(ego) and not beside:
-            return True
-    return False
+    def _obstructed(self, world: World, ego: int) -> bool:
+        """Whether a static object, or an actor of the ego's events that never moved, stands in its way, in sight."""
+        egos, actors, route, near = world.egos, world.actors, world.routes[ego], world.egos.progress.item(ego)
+        scripted = [key for event in world.events if event.ego == ego for key in event.actors]
+        for row in np.flatnonzero(np.isin(actors.key, scripted) | (actors.kind == ActorKind.STATIC)).tolist():
+            x, y = actors.position[row].tolist()
+            along, aside, _ = route.project(x, y, near, ahead=SIGHT_M)
+            beside = abs(aside) > 0.5 * (egos.width.item(ego) + actors.width.item(row))
+            if along > near and not beside and self._queue.stood_s(world, row) == -math.inf:
+                return True
+        return False
 
 
 def _leader(world: World, ego: int) -> int:

@@ -77,9 +77,16 @@ def test_a_queue_before_a_static_object_is_the_agents_to_pass() -> None:
     assert kinds(run(behind, Blocked(), seconds=185)) == [InfractionKind.GRIDLOCK]
 
 
-@pytest.mark.parametrize(("ego", "kind"), [(0, InfractionKind.BLOCKED), (1, InfractionKind.GRIDLOCK)])
-def test_so_is_one_before_an_actor_of_its_own_events(ego: int, kind: InfractionKind) -> None:
-    worlds = QUEUE.with_actor(x=95).worlds(185)
+@pytest.mark.parametrize(
+    ("ego", "speed", "kind"),
+    [
+        (0, 0.0, InfractionKind.BLOCKED),
+        (1, 0.0, InfractionKind.GRIDLOCK),  # of another ego's events
+        (0, stops_after(3.0), InfractionKind.GRIDLOCK),  # a flow's vehicle, in the jam itself
+    ],
+)
+def test_so_is_one_before_an_actor_of_its_own_events(ego: int, speed: Speed, kind: InfractionKind) -> None:
+    worlds = QUEUE.with_actor(x=95, speed=speed).worlds(185)
     key = next(key for key in worlds[0].actors.key.tolist() if worlds[0].name_of(key) == "actor1")
     event = EventState("crash", "crash", ego, EventPhase.WAITING, math.nan, math.nan, (key,), math.nan)
     scripted = [dataclasses.replace(world, events=(event,)) for world in worlds]
