@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
-from dohyo.evaluation.criteria.fault import is_at_fault, keeps_to_one_lane
+from dohyo.evaluation.criteria.fault import approach_mps, hits_with_bumper, is_at_fault, keeps_to_one_lane
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.arrays import FloatArray
@@ -26,7 +26,7 @@ class Collision(Criterion):
     """Detects collisions, and counts the actors that the ego ever touched.
 
     The ego's speed is the faster of those before and after the tick: an ego that brakes to a stop in the tick of the
-    impact was moving.
+    impact was moving. Who touched the standing ego is hit by it once it drives into him with its bumper.
 
     Attributes:
         standing_mps: An ego slower than this stands: being hit is then no infraction, m/s.
@@ -46,6 +46,7 @@ class Collision(Criterion):
     same_place_m: float = 5.0
     same_actor_s: float = 5.0
     _last_contact: dict[int, float] = field(default_factory=dict, init=False, repr=False)
+    _met_standing: set[int] = field(default_factory=set, init=False, repr=False)
     _last_hit: tuple[float, float] | None = field(default=None, init=False, repr=False)
 
     @property
@@ -60,13 +61,29 @@ class Collision(Criterion):
                 continue
             last = self._last_contact.get(contact.key)
             self._last_contact[contact.key] = after.time
-            if last is not None and after.time - last < self.same_actor_s:
-                continue
+            begins = last is None or after.time - last >= self.same_actor_s
             speed = max(before.egos.speed.item(ego), after.egos.speed.item(ego))
-            if speed < self.standing_mps or self._near_last_hit(after, ego):
+            if speed < self.standing_mps:
+                if begins:
+                    self._met_standing.add(contact.key)
+                continue
+            tick_s = after.time - before.time
+            if not begins and not self._drives_into(after, ego, speed, contact, tick_s):
+                continue
+            self._met_standing.discard(contact.key)
+            if self._near_last_hit(after, ego):
                 continue
             self._last_hit = axis_point(after.egos, ego, 0.0)
-            yield _collision(after, ego, speed, contact, after.time - before.time)
+            yield _collision(after, ego, speed, contact, tick_s)
+
+    def _drives_into(self, world: World, ego: int, speed: float, contact: Contact, tick_s: float) -> bool:
+        """Whether a contact that began when the ego stood becomes a collision."""
+        box, (other, other_speed) = world.egos.box(ego), _other(world, contact)
+        return (
+            contact.key in self._met_standing
+            and approach_mps(box.item(2), speed, other, other_speed) > 0.0
+            and hits_with_bumper(box, speed, other, other_speed, tick_s=tick_s)
+        )
 
     def _near_last_hit(self, world: World, ego: int) -> bool:
         return (

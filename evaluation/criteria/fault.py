@@ -42,16 +42,33 @@ def is_at_fault(
         return False
     if other_speed <= STOPPED_MPS:
         return True
-    x, y, heading, length, width = ego.tolist()
+    x, y, heading = ego[:3].tolist()
     bearing = math.atan2(other[1] - y, other[0] - x) - heading
     if math.cos(bearing) < math.cos(BEHIND_RAD):
         return False
-    swept = max(speed - other_speed * math.cos(other[2] - heading), 0.0) * tick_s
+    return hits_with_bumper(ego, speed, other, other_speed, tick_s=tick_s) or not in_one_lane
+
+
+def hits_with_bumper(ego: FloatArray, speed: float, other: FloatArray, other_speed: float, *, tick_s: float) -> bool:
+    """Whether the ego's front bumper swept over the other one in the last tick, in the frame of the other.
+
+    Args:
+        ego: (5,) box of the ego after the tick: x, y [m], heading [rad], length, width [m].
+        speed: Speed of the ego, m/s.
+        other: (5,) box of the other actor or object, likewise.
+        other_speed: Speed of the other, m/s.
+        tick_s: Length of the tick, s.
+    """
+    x, y, heading, length, width = ego.tolist()
+    swept = max(approach_mps(heading, speed, other, other_speed), 0.0) * tick_s
     ahead = (length - swept) / 2
     bumper = np.array([[x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading, swept, width]])
-    if boxes_overlap(bumper, other[None])[0, 0]:
-        return True
-    return not in_one_lane
+    return bool(boxes_overlap(bumper, other[None])[0, 0])
+
+
+def approach_mps(heading: float, speed: float, other: FloatArray, other_speed: float) -> float:
+    """The ego's speed along its heading [rad] as the other one sees it, m/s; negative: the other one drives ahead."""
+    return speed - other_speed * math.cos(other.item(2) - heading)
 
 
 def keeps_to_one_lane(network: RoadNetwork, box: FloatArray, lane: int) -> bool:

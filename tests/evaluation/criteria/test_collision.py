@@ -202,6 +202,22 @@ def test_driving_on_after_being_hit_while_standing_is_no_collision() -> None:
     assert (verdict.infractions, verdict.contacts) == ([], 1)
 
 
+@pytest.mark.parametrize(("ahead_m", "count"), [(0.1, 1), (-1.0, 0)])
+def test_driving_over_who_walked_into_the_standing_ego_is_one(ahead_m: float, count: int) -> None:
+    def starts_late(time: float) -> float:
+        return 2.0 if time > 2.0 else 0.0
+
+    def walks_until_it_touches(time: float) -> float:
+        return 1.4 if time < 1.0 else 0.0
+
+    scene = straight_road().with_ego(x=50, speed=starts_late)
+    front_m = 50 + 0.5 + 4.5 / 2
+    scene = scene.with_pedestrian(front_m + ahead_m + 1.4, walks_until_it_touches, y=-4.8, heading=math.pi)
+    verdict = run(scene, Collision(), seconds=4)
+    assert (len(verdict.infractions), verdict.contacts) == (count, 1)
+    assert all(one.at_fault and one.time_s > 2.0 for one in verdict.infractions)
+
+
 @pytest.mark.parametrize(("apart", "count"), [(4.0, 1), (6.0, 2)])
 def test_hits_within_five_metres_are_one(apart: float, count: int) -> None:
     scene = straight_road().with_ego(x=50, speed=10)
