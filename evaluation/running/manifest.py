@@ -50,6 +50,10 @@ class Manifest(ResultManifest):
     missions: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda names: names is None)] = None
     seeds: Annotated[tuple[int, ...] | None, Field(exclude_if=lambda seeds: seeds is None)] = None
 
+    def agent_of(self, mission: str) -> AgentInfo:
+        """Agent that drives a mission."""
+        return self.others.get(mission, self.agent)
+
     @property
     def part(self) -> str:
         """What is to be driven of the benchmark, in words for people; "" if everything is."""

@@ -1,4 +1,4 @@
-"""Membership: whether a record is of the benchmark that it names, and not of an easier one under the same name."""
+"""Membership: whether a record is of the benchmark that it names, not of an easier one, and of the folder's agents."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.families import Family
-from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.running.manifest import manifest_of_record
+from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.running.manifest import Manifest, manifest_of_record
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 
@@ -33,6 +33,28 @@ def check_members(records: Iterable[tuple[EpisodeRecord, Path]], benchmark: Benc
         if seed not in made:
             made[seed] = {one.name: one for one in benchmark.scenarios([seed])}
         _check_scenario(record, path, made[seed], f"{benchmark.name} {sha256[:8]}")
+
+
+def check_agents(records: Iterable[tuple[EpisodeRecord, Path]], manifest: Manifest) -> None:
+    """Checks that the agents of a result folder drove its records.
+
+    Args:
+        records: Records, each with its path.
+        manifest: Manifest of the folder.
+
+    Raises:
+        InvalidInputError: Another agent drove an ego, or the same one with other settings or code.
+    """
+    for record, path in records:
+        for ego in record.egos:
+            expected = manifest.agent_of(ego.name)
+            if ego.agent == expected:
+                continue
+            names = [name for name in AgentInfo.model_fields if getattr(ego.agent, name) != getattr(expected, name)]
+            raise InvalidInputError(
+                f"{path}: expected '{ego.name}' driven by agent {expected.name!r:.60}, "
+                f"got agent {ego.agent.name!r:.60} with other {', '.join(names)}"
+            )
 
 
 def benchmark_of_record(record: EpisodeRecord, path: Path) -> Benchmark | None:

@@ -20,7 +20,7 @@ from dohyo.evaluation.records.store import read_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.job import Job
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, manifest_of, read_manifest
-from dohyo.evaluation.running.membership import check_members
+from dohyo.evaluation.running.membership import check_agents, check_members
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -140,14 +140,15 @@ def read_result(out: Path) -> Result:
     """Reads the evaluation in a result folder.
 
     Raises:
-        InvalidInputError: The folder is not a result folder, or has a damaged record or one that is not of its
-            benchmark.
+        InvalidInputError: The folder is not a result folder, or has a damaged record, or one that is not of its
+            benchmark or of its agents.
     """
     manifest = read_manifest(out)
     found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
     if not found:
         raise InvalidInputError(f"'{out}' holds no finished episode yet")
     check_members(found, manifest.benchmark, manifest.benchmark_sha256)
+    check_agents(found, manifest)
     order = {scenario.name: i for i, scenario in enumerate(manifest.benchmark.scenarios([0]))}
     found.sort(key=lambda pair: (pair[0].scenario.seed, order[pair[0].scenario.name]))
     records, paths = zip(*found, strict=True)

@@ -76,6 +76,18 @@ def test_a_record_of_another_benchmark_is_refused(tmp_path: Path) -> None:
         benchmark_of_record(record_of(changed(), None), path)
 
 
+@pytest.mark.parametrize(
+    ("driver", "says"), [({"settings": {"speed_mps": 5.0}}, "settings"), ({"name": "other"}, "name")]
+)
+def test_a_record_of_another_agent_is_refused(tmp_path: Path, driver: dict[str, Any], says: str) -> None:
+    path = result_folder(tmp_path, QUICKSTART.scenarios([1])[2])
+    manifest = manifest_of({"ego": AGENT.model_copy(update=driver)}, QUICKSTART, QUICKSTART.sha256)
+    (tmp_path / MANIFEST).write_text(manifest.model_dump_json())
+    with pytest.raises(InvalidInputError, match=rf"driven by agent .*, got agent .* with other {says}$") as refused:
+        read_result(tmp_path)
+    assert str(refused.value).startswith(f"{path}: expected")
+
+
 def test_missions_with_seeds_of_their_own_are_found(tmp_path: Path) -> None:
     benchmark = load_benchmark("val14")
     scenario = benchmark.scenarios([0])[5]
