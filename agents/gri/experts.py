@@ -1,10 +1,11 @@
-"""Experts whose demonstrations are recorded: a trained policy or the task's own, and how often they are bad.
+"""Experts whose demonstrations are recorded: a trained policy or the task's own, and how many are bad.
 
 A bad demonstration is an episode of random actions. Chekroun 2024 keeps about 10 % of bad ones on purpose.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ class DemonstratedTask(Task):
     Attributes:
         task: What is demonstrated.
         policy: ONNX file of the expert; None: the task's own expert.
-        noise: Share of episodes with random actions.
+        noise: Share of episodes with random actions, which are spread evenly over all.
     """
 
     task: Task
@@ -105,7 +106,7 @@ class _WithExpert(VectorWrapper):
 
     def __init__(self, environments: Environments, policy: OnnxPolicy | None, noise: float) -> None:
         super().__init__(environments)
-        self._policy, self._noise = policy, noise
+        self._policy, self._noise, self._begun = policy, noise, 0
         self._seen: dict[str, Array] = {}
         self._bad: dict[int, np.random.Generator] = {}  # by row, of its present episode
 
@@ -116,15 +117,19 @@ class _WithExpert(VectorWrapper):
         return getattr(self.env, name)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> Reset:
-        """See `VectorEnv`; the seed of an episode decides whether it is bad."""
+        """See `VectorEnv`; the number of an episode decides whether it is bad."""
         for row, one in enumerate(seed):
             if one is not None:
-                generator = np.random.default_rng([_BAD, one])
                 self._bad.pop(row, None)
-                if generator.random() < self._noise:
-                    self._bad[row] = generator
+                if self._next_is_bad():
+                    self._bad[row] = np.random.default_rng([_BAD, one])
         self._seen, infos = self.env.reset(seed=seed, options=options)
         return self._seen, infos
+
+    def _next_is_bad(self) -> bool:
+        """Whether the share of bad episodes asks for one now."""
+        self._begun += 1
+        return math.floor(self._begun * self._noise + 0.5) > math.floor((self._begun - 1) * self._noise + 0.5)
 
     def step(self, actions: Array) -> Step:
         """See `VectorEnv`."""

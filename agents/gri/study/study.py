@@ -10,7 +10,7 @@ of the training uses; the evaluations are the rows of its curve.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -71,13 +71,19 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     policy = options.trained(f"{job[0].arm}/seed-{seed}", partial(train_to_the_end, GRI, "gri", config), "policy.onnx")
     ended = judged(task_of(config.env, JUDGED.start, len(JUDGED)), OnnxPolicy(policy))
     curve, rounds = (columns(policy.with_name(f"{name}.csv")) for name in ("evaluations", "metrics"))
-    returns = dict(zip(curve["steps"].tolist(), curve["return"].tolist(), strict=True))
+    returns = list(zip(curve["steps"].tolist(), curve["return"].tolist(), strict=True))
     stored = rounds["replay_demonstrated"].tolist()
     facts = {**result_of(policy.parent, "steps", "updates"), "replay_demonstrated": sum(stored) / len(stored)}
     for cell in job:
         at = int(cell.seed or 0)
-        measures = {"return": returns[at]} if cell.benchmark.endswith(CURVE) else ended[at]
+        # A round in which a simulation was lost has fewer steps, and the next evaluation comes some steps late.
+        measures = {"return": _first_from(at, returns)} if cell.benchmark.endswith(CURVE) else ended[at]
         yield {**cell._asdict(), **facts, **measures}
+
+
+def _first_from(step: int, returns: Sequence[tuple[float, float]]) -> float:
+    """Return of the first evaluation at or after a step, else of the last one."""
+    return next((value for at, value in returns if at >= step), returns[-1][1])
 
 
 def _expert_rows(options: Options, job: Job) -> Iterator[Row]:

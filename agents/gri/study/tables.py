@@ -38,7 +38,7 @@ def _claims(problem: str, alone: str) -> list[Claim]:
     found += [Claim(f"{base}p100", "<", alone, "return", last, ablation=share)]
     found += [Claim(f"{base}p{some}", "<", alone, "return", early, ablation=share) for some in (20, 40, 60)]
     found += [Claim(f"{base}noise{some}", "=", f"{base}p20", "return", last, ablation=3) for some in (10, 30)]
-    found += [Claim(f"{base}p25", ">", other, "completed", last, ablation=4) for other in (alone, f"{alone}-long")]
+    found += [Claim(f"{base}p25", ">", alone, "completed", last, ablation=4)]
     return [*found, Claim(f"{base}sqil", "<", f"{base}p25", "completed", last, ablation=4)]
 
 

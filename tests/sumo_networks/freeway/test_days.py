@@ -202,7 +202,8 @@ def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
 
 
 @pytest.mark.slow
-def test_days_are_the_same_however_many_make_them(tmp_path: Path) -> None:
+def test_days_are_the_same_however_many_make_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dataset, "DAY_S", 4 * 3600.0)
     order = DatasetRequest(days=0, easy=2, hard=0, seed=5)
     told: list[tuple[int, int]] = []
     assert make_dataset(order, tmp_path / "two", lambda done, of, _: told.append((done, of)), workers=2) == 2
