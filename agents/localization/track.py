@@ -58,6 +58,7 @@ class EstimatedTrack:
             position=position,
             heading=heading,
             covariance=self.covariance[inside],
+            fixes=tuple(fix for fix in self.fixes if first_s <= fix.time <= last_s),
         )
 
 

@@ -31,7 +31,7 @@ def write_example(folder: Path) -> list[Path]:
     journey = rolling_journey(CASE.route)
     noise = GnssNoise(CASE.sigma_m, correlated_share=0.0, rate_hz=1.0)
     recording = record(journey, replace(ICM_20600, vibration=VIBRATION), noise, np.random.default_rng(CASE.seed))
-    fixes = fixes_of(CASE, journey, recording.fix_rows, recording.fixes)
+    fixes = fixes_of(CASE, journey, recording.fix_rows, recording.fixes, np.random.default_rng([CASE.seed, 1]))
     tables = {
         "imu": ("t,ax,ay,az,gx,gy,gz", np.column_stack([journey.time, recording.imu])),
         "gnss": ("t,x,y,z", np.array([[fix.time, *fix.position] for fix in fixes])),

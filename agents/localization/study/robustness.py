@@ -2,7 +2,7 @@
 
     python -m dohyo.agents.localization.study.robustness --seeds 5
 
-Each seed draws the errors on three routes; all arms of a seed see the same errors. A receiver has a fix a second, is
+A seed draws the errors on each of three routes anew; all arms see the same errors. A receiver has a fix a second, is
 silent for so long as the case says after every 20 s, and 5 % of its fixes lie 20 to 200 m away. The IMU's offsets are
 not calibrated, since the vehicle never stands. The reference is the same filter without the wild fixes, with the noise
 told. Rows are kept in results/robustness.jsonl, and those that exist are not run again; the tables go into RESULTS.md.
@@ -27,7 +27,7 @@ from dohyo.agents.localization.filters.base import FilterNoise
 from dohyo.agents.localization.localizer import Fix, Localizer
 from dohyo.agents.localization.settings import Settings
 from dohyo.agents.localization.study.grid import score
-from dohyo.agents.localization.study.synthetic import ROUTES, Journey, journey_named, record
+from dohyo.agents.localization.study.synthetic import ROUTES, Journey, errors_of, journey_named, record
 from dohyo.agents.localization.track import follow, smooth
 from dohyo.agents.studies.tables import PAGE, bracketed, write_section
 from dohyo.evaluation.report.style import markdown
@@ -93,9 +93,10 @@ def rolling_journey(route: str) -> Journey:
     return replace(whole, **{name: getattr(whole, name)[first:] for name in arrays})
 
 
-def fixes_of(case: Case, journey: Journey, rows: FloatArray, positions: FloatArray) -> list[Fix]:
+def fixes_of(
+    case: Case, journey: Journey, rows: FloatArray, positions: FloatArray, rng: np.random.Generator
+) -> list[Fix]:
     """Fixes outside of the outages; in all arms but the reference, some are wild."""
-    rng = np.random.default_rng([case.seed, 1])
     out = []
     for row, position in zip(rows.astype(int), positions, strict=True):
         wild, distance, angle = rng.random() < WILD_SHARE, rng.uniform(*WILD_M), rng.uniform(0.0, 2.0 * math.pi)
@@ -114,8 +115,9 @@ def run(case: Case) -> dict[str, Any]:
     journey = rolling_journey(case.route)
     gnss = GnssNoise(case.sigma_m, correlated_share=0.0, rate_hz=1.0)
     imu = replace(ICM_20600, vibration=VIBRATION)
-    recording = record(journey, imu, gnss, np.random.default_rng(case.seed))
-    fixes = fixes_of(case, journey, recording.fix_rows, recording.fixes)
+    recording = record(journey, imu, gnss, errors_of(case.route, case.seed))
+    wild = errors_of(case.route, case.seed, part=1)
+    fixes = fixes_of(case, journey, recording.fix_rows, recording.fixes, wild)
     localizer, smoothed = Localizer(settings_of(case)), case.arm not in UNSMOOTHED
     try:
         track = follow(localizer, journey.time, recording.imu, fixes)

@@ -169,6 +169,17 @@ ROUTES: Mapping[str, tuple[str, str, tuple[str, ...], tuple[float, ...]]] = Mapp
 """The study's routes on the network "district": start lane, goal lane, edges between, and stops."""
 
 
+def errors_of(route: str, seed: int, part: int = 0) -> np.random.Generator:
+    """Random stream of the errors on a route: the same for all arms, another one on each route.
+
+    Args:
+        route: A name of `ROUTES`.
+        seed: Of the journey.
+        part: Number of the stream, where a journey needs several.
+    """
+    return np.random.default_rng([seed, list(ROUTES).index(route), part])
+
+
 def journey_named(name: str, standing_s: float = 5.0, seconds: float = 1e9) -> Journey:
     """Drives one of `ROUTES`.
 

@@ -45,7 +45,7 @@ def driven(arm: str, outage_s: float = 5.0, gnss_sigma_m: float = 0.5) -> tuple[
     case = Case(arm, outage_s, 0.5, "roundabout", 3)
     imu = replace(ICM_20600, vibration=0.5)
     recording = record(rolling(), imu, GnssNoise(0.5, 0.0, rate_hz=1.0), np.random.default_rng(case.seed))
-    fixes = fixes_of(case, rolling(), recording.fix_rows, recording.fixes)
+    fixes = fixes_of(case, rolling(), recording.fix_rows, recording.fixes, np.random.default_rng([3, 1]))
     localizer = Localizer(settings_of(case).model_copy(update={"gnss_sigma_m": gnss_sigma_m}))
     return localizer, follow(localizer, rolling().time, recording.imu, fixes), recording.imu
 
@@ -97,7 +97,7 @@ def test_the_smoother_knows_what_came_after_an_outage() -> None:
     recording = record(
         rolling(), replace(ICM_20600, vibration=0.5), GnssNoise(0.5, 0.0, rate_hz=1.0), np.random.default_rng(3)
     )
-    fixes = fixes_of(case, rolling(), recording.fix_rows, recording.fixes)
+    fixes = fixes_of(case, rolling(), recording.fix_rows, recording.fixes, np.random.default_rng([3, 1]))
     late = smooth(localizer, track, rolling().time, samples, fixes)
     assert late.time[0] < track.time[0], "back to the first fix"
     assert score(late, rolling())["rmse"] < 0.7 * score(track, rolling())["rmse"]

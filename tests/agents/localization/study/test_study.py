@@ -8,6 +8,7 @@ import pytest
 
 from dohyo.agents.localization.study import grid
 from dohyo.agents.localization.study.study import ARMS, CLAIMS, STUDY, VARIANTS, Options, cells, work
+from dohyo.agents.localization.study.synthetic import ROUTES, errors_of
 from dohyo.agents.studies.arms import Cell, Place
 from dohyo.agents.studies.rows import cell_of, read_rows
 
@@ -42,3 +43,11 @@ def test_a_cell_is_a_journey_of_the_grid_and_calibration_makes_it_better() -> No
     assert good["rmse"] < 0.5 * bad["rmse"]
     assert good["rmse"] == pytest.approx(alone["rmse"], abs=1e-6)
     assert robust["accuracy"] > 50.0
+
+
+def test_journeys_of_a_seed_have_errors_of_their_own() -> None:
+    """Else their mean would be taken for that of as many draws."""
+    drawn = {(route, seed): errors_of(route, seed).random() for route in ROUTES for seed in range(5)}
+    assert len(set(drawn.values())) == len(drawn)
+    assert errors_of("straight", 3).random() == drawn["straight", 3]
+    assert errors_of("straight", 3, part=1).random() not in drawn.values()
