@@ -51,7 +51,7 @@ class Summary:
         rules: Version of the leaderboard's rules behind the penalty and the driving score.
         irs_length: Length by which the infraction rate score divides.
         episodes: Number of episodes in the means.
-        lost: Number of episodes lost to gridlocks and infrastructure faults.
+        lost: Number of drives lost to gridlocks and infrastructure faults, all of a lost episode.
         scores: Estimate of each score of `SCORES`, by its name: percent, except infraction_penalty in [0, 1]. Lost
             drives are left out.
         scores_lost_as_zero: Estimates with every lost drive counting 0, as CARLA divides by all planned routes; None if
@@ -99,7 +99,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
         rules=rules,
         irs_length=irs_length,
         episodes=len(counted),
-        lost=len(records) - len(counted),
+        lost=lost_drives,
         scores=_scores(scored, lost_drives=0),
         scores_lost_as_zero=_scores(scored, lost_drives) if lost_drives else None,
         per_km=_per_km(drives),

@@ -38,6 +38,8 @@ async def _repeat(work: Callable[[], object], every_s: float, name: str) -> None
             await asyncio.to_thread(work)
         except (SQLAlchemyError, OSError) as error:
             logger.warning("%s failed, trying again in %g s: %s", name, every_s, error)
+        except Exception:  # a defect; what else the work is for, such as other owners, must not wait for ever
+            logger.exception("%s failed, trying again in %g s", name, every_s)
         await asyncio.sleep(every_s)
 
 

@@ -50,8 +50,8 @@ class Settings(BaseSettings):
             cluster drives.
         remote_episodes: Most live episodes of remote agents. Of each kind one more is driven for an owner of whom none
             is, so that nobody waits for the end of another owner's long episode.
-        episode_limit_s: Wall-clock limit of one drive, s; half of it is for the agent's decisions. Beyond its half the
-            agent has failed; beyond the whole, the machine, and the episode is driven again.
+        episode_limit_s: Wall-clock limit of the simulation of one drive, s. Beyond it the machine has failed, and the
+            episode is driven again. The agent's decisions may take half as much beside it; beyond that it has failed.
         queue_limit: Most waiting episodes over all submitters.
         queued_per_owner: Most waiting episodes of one owner.
         evaluations_per_owner: Most unfinished evaluations of one owner.

@@ -19,7 +19,7 @@ from dohyo.sumo_networks.world import ActorKind, World
 WATCH_S = 1.0
 MOVING_MPS = 0.5
 JAMMED_S = 120.0
-QUEUE_GAP_M = 8.0
+QUEUE_GAP_M, TOUCHING_M = 8.0, 0.5
 SAME_DIRECTION_RAD = math.radians(45.0)
 _QUEUEING = (ActorKind.CAR, ActorKind.VAN, ActorKind.TRUCK, ActorKind.BUS, ActorKind.BICYCLE)
 
@@ -49,7 +49,8 @@ class Blocked(Criterion):
     A gridlock is a kind of its own, since it says nothing about the agent: the ego queues behind a vehicle of the
     traffic that drove before and has stood for two minutes itself. A vehicle that never moved is parked, and the ego
     has to pass it; so it has where the queue stands before a static object, or before an actor of the ego's own events
-    that never moved. Vehicles of a flow drove, and are traffic.
+    that never moved. Vehicles of a flow drove, and are traffic. Where another ego stands in sight, agents may have made
+    the jam; `Judge` says the same of an ego that has collided.
 
     Attributes:
         standing_mps: An ego slower than this is standing, m/s.
@@ -77,7 +78,8 @@ class Blocked(Criterion):
         if standing_s > self.limit_s and not self._reported:
             self._reported = True
             leader = _leader(after, ego)
-            jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S and not self._obstructed(after, ego)
+            jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S
+            jammed = jammed and not self._obstructed(after, ego) and not self._with_other_egos(after, ego)
             kind = InfractionKind.GRIDLOCK if jammed else InfractionKind.BLOCKED
             actor = after.name_of(int(after.actors.key[leader])) if jammed else None
             yield infraction(kind, after, ego, standing_s, actor=actor)
@@ -102,18 +104,26 @@ class Blocked(Criterion):
                 return True
         return False
 
+    def _with_other_egos(self, world: World, ego: int) -> bool:
+        """Whether another ego stands in sight."""
+        egos = world.egos
+        near = np.hypot(*(egos.position - egos.position[ego]).T) < SIGHT_M
+        near[ego] = False
+        return bool((near & egos.active & (egos.speed < MOVING_MPS)).any())
+
 
 def _leader(world: World, ego: int) -> int:
-    """Row of the vehicle that an ego queues behind, -1 if there is none."""
+    """Row of the vehicle that an ego queues behind, -1 if there is none. One beside its bumper is not ahead of it."""
     egos, actors, route = world.egos, world.actors, world.routes[ego]
     heading, width, near = egos.heading.item(ego), egos.width.item(ego), egos.progress.item(ego)
-    best, leader = 0.5 * egos.length.item(ego) + QUEUE_GAP_M, -1
+    front, lateral = 0.5 * egos.length.item(ego), egos.lateral.item(ego)
+    best, leader = front + QUEUE_GAP_M, -1
     for row in np.flatnonzero(np.isin(actors.kind, _QUEUEING)).tolist():
         x, y = actors.position[row].tolist()
         along, aside, _ = route.project(x, y, near)
         gap = along - near - 0.5 * actors.length.item(row)
-        beside = abs(aside) > 0.5 * (width + actors.width.item(row))
+        beside = max(abs(aside), abs(aside - lateral)) > 0.5 * (width + actors.width.item(row))
         turned = abs(wrap(actors.heading.item(row) - heading)) > SAME_DIRECTION_RAD
-        if 0.0 < gap < best and not beside and not turned:
+        if front - TOUCHING_M < gap < best and not beside and not turned:
             best, leader = gap, row
     return leader

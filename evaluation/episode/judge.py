@@ -8,7 +8,7 @@ from dohyo.evaluation.criteria import Criterion, criteria_for
 from dohyo.evaluation.criteria.collision import Collision
 from dohyo.evaluation.criteria.outside_lanes import OutsideLanes
 from dohyo.evaluation.records.record import Infraction
-from dohyo.evaluation.records.specifications import COLLISIONS, Status
+from dohyo.evaluation.records.specifications import COLLISIONS, InfractionKind, Status
 from dohyo.sumo_networks.rules.episode_end import is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.world import World
@@ -70,7 +70,7 @@ class Judge:
         self._world = after
         self.progress_m = max(self.progress_m, float(egos.progress[ego]))
         self.driven_m, self.duration_s = float(egos.driven[ego]), after.time
-        found = [one for criterion in self._criteria for one in criterion.update(before, after, ego)]
+        found = [self._charged(one) for criterion in self._criteria for one in criterion.update(before, after, ego)]
         self.infractions += found
         return self._ending(found, after)
 
@@ -82,6 +82,12 @@ class Judge:
         self.infractions.sort(key=lambda infraction: infraction.time_s)
         flawless = status is Status.COMPLETED and not self.infractions
         self.status = Status.PERFECT if flawless else status
+
+    def _charged(self, found: Infraction) -> Infraction:
+        """A gridlock as blocked where the ego collided before: the jam may be its own."""
+        if found.kind is not InfractionKind.GRIDLOCK or all(one.kind not in COLLISIONS for one in self.infractions):
+            return found
+        return found.model_copy(update={"kind": InfractionKind.BLOCKED, "actor": None})
 
     def _ending(self, found: Sequence[Infraction], world: World) -> Status | None:
         ending = next((status for one in found if (status := one.kind.specification.ends)), None)

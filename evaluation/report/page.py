@@ -221,7 +221,7 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         ),
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),
-        ("lost", str(sum(one.lost for one in records)), "Episodes lost to gridlocks and infrastructure faults"),
+        ("lost", str(lost_drives(records)), "Drives lost to gridlocks and infrastructure faults"),
         ("network", _listed(record.scenario.network for record in records), "Networks of the episodes"),
         (
             "SUMO",

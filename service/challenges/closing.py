@@ -8,7 +8,7 @@ from typing import Any, Final
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.service.benchmarks.catalog import read_benchmark
 from dohyo.service.boards.board import rows_of
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.standings import Standings
@@ -67,7 +67,7 @@ def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:
 
 def _headline(session: Session, ranking: Ranking) -> str:
     document = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).document
-    return Benchmark.model_validate(document).headline.value
+    return str(read_benchmark(document).headline)
 
 
 def _announce(session: Session, ranking: Ranking, places: int) -> None:

@@ -55,7 +55,7 @@ def drive_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
         gauge.begin()
         policy = OnnxPolicy(**order.info.settings)
         try:
-            policy.start(scenario.seed)
+            policy.start()
             _drive(order, scenario, env, _planned_by(policy, gauge.watch))
         finally:
             policy.close()

@@ -35,7 +35,7 @@ RULES = (
     "One input per sensor, named like it, of its shape and element type; a leading dimension of 1 is allowed. "
     "One output 'action' of the control's shape, float32, likewise. A policy that remembers has inputs 'state_NAME', "
     "float32, of a fixed shape, each with an output 'next_state_NAME' of the same shape; they are zeros at the start "
-    "of every episode. Random operators draw from the scenario's seed. Operators of the domains ai.onnx and "
+    "of every episode. Random operators draw the same numbers in every episode. Operators of the domains ai.onnx and "
     "ai.onnx.ml; all weights inside the file. A policy that parks has one sensor, and its input is named "
     "'observation'. A policy that forecasts has the sensor 'history' alone, whose number of segments may be dynamic, "
     "and its output is named 'forecast'."

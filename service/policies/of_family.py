@@ -75,8 +75,8 @@ class OnnxAgent(Generic[S]):
         return {key: of_policy[key] for key in ("sha256", "name", "onnxruntime")}
 
     def reset(self, seed: int) -> None:
-        """Starts a new process: states are zero, random operators draw from the seed."""
-        self._policy.start(seed)
+        """Starts a new process: states are zero; see `OnnxPolicy.start`."""
+        self._policy.start()
 
     def close(self) -> None:
         """Ends the process."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import logging
 
 import pytest
 
-from dohyo.service.periodic import ended
+from dohyo.service.periodic import ended, repeated
 
 
 async def _fails_at_its_end() -> None:
@@ -31,3 +32,21 @@ def test_what_fails_as_the_service_ends_is_logged_once(caplog: pytest.LogCapture
     assert record.levelno == logging.ERROR
     assert record.exc_info is not None
     assert "the disk is full" in str(record.exc_info[1])
+
+
+@pytest.mark.parametrize("error", [OSError("the disk is full"), KeyError("headline")])
+def test_work_is_done_again_whatever_it_failed_by(error: Exception, caplog: pytest.LogCaptureFixture) -> None:
+    calls = itertools.count()
+
+    def fails_first() -> None:
+        if next(calls) == 0:
+            raise error
+
+    async def work() -> None:
+        async with repeated(fails_first, 0.01, "closing"):
+            await asyncio.sleep(0.3)
+
+    asyncio.run(work())
+    assert next(calls) > 2
+    (record,) = caplog.records
+    assert "closing failed, trying again in 0.01 s" in record.getMessage()

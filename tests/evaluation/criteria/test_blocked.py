@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.criteria.blocked import Blocked
+from dohyo.evaluation.criteria.collision import Collision
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.world import ActorKind, EventPhase, EventState
 from tests.worlds import Speed, kinds, run, straight_road
@@ -91,6 +92,47 @@ def test_so_is_one_before_an_actor_of_its_own_events(ego: int, speed: Speed, kin
     event = EventState("crash", "crash", ego, EventPhase.WAITING, math.nan, math.nan, (key,), math.nan)
     scripted = [dataclasses.replace(world, events=(event,)) for world in worlds]
     assert kinds(run(scripted, Blocked())) == [kind]
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "speed", "kind"),
+    [
+        (60.0, 0.0, InfractionKind.BLOCKED),  # it may hold the queue up
+        (60.0, 1.0, InfractionKind.GRIDLOCK),
+        (300.0, 0.0, InfractionKind.GRIDLOCK),
+    ],
+)
+def test_a_jam_in_which_another_ego_stands_may_be_made_by_agents(
+    distance_m: float, speed: float, kind: InfractionKind
+) -> None:
+    scene = QUEUE.with_ego(x=50 + distance_m, speed=speed, left=3.2)
+    assert kinds(run(scene, Blocked(), seconds=185)) == [kind]
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "left", "kind"),
+    [
+        (2.0, 0.9, InfractionKind.BLOCKED),  # beside the ego, which holds it up
+        (2.0, 0.5, InfractionKind.BLOCKED),
+        (3.6, 0.5, InfractionKind.GRIDLOCK),
+    ],
+)
+def test_a_bicycle_beside_the_ego_is_no_queue(ahead_m: float, left: float, kind: InfractionKind) -> None:
+    scene = straight_road().with_ego(x=50, left=-0.6)  # its front at 52.25
+    behind = {"x": 50 + ahead_m - 3.0, "left": left, "speed": stops_after(3.0), "length": 1.7, "width": 0.6}
+    bicycle = scene.with_actor(**behind, kind=ActorKind.BICYCLE)
+    assert kinds(run(bicycle, Blocked(), seconds=185)) == [kind]
+
+
+def test_an_ego_that_collided_may_have_made_the_jam_itself() -> None:
+    def shoves(time: float) -> float:
+        return 3.0 if time < 1.0 else 0.0
+
+    scene = straight_road().with_ego(x=49.2, speed=shoves).with_actor(x=55, speed=stops_after(3.0))
+    assert kinds(run(scene, Collision(), Blocked(), seconds=190)) == [
+        InfractionKind.COLLISION_VEHICLE,
+        InfractionKind.BLOCKED,
+    ]
 
 
 @pytest.mark.parametrize(

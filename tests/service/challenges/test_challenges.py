@@ -86,6 +86,17 @@ def test_a_run_that_was_ordered_in_time_may_end_within_the_grace(service: Harnes
     assert [row[2] for row in rows(ann, ranking)] == ["a"]
 
 
+@pytest.mark.parametrize("benchmark", ["parking-simple", "forecast-easy", "dissipation"])
+def test_phases_on_benchmarks_of_every_family_become_final(service: Harness, benchmark: str) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    rankings = make_challenge(organiser, benchmark=benchmark, draw_seeds=None), make_challenge(organiser, "other")
+    for ranking in rankings:
+        end(service.services.database, ranking)
+    close_ended(service.services)
+    with service.services.database.session() as session:
+        assert all(session.get_one(Ranking, ranking).finalised for ranking in rankings)
+
+
 def test_only_its_organiser_changes_a_challenge(service: Harness) -> None:
     organiser, rival = service.caller("lab", Role.ORGANISER), service.caller("rival", Role.ORGANISER)
     ranking = make_challenge(organiser)

@@ -62,6 +62,20 @@ def drive(agent: OnnxPolicy, scenario: Scenario = SCENARIO) -> EpisodeRecord:
         agent.close()
 
 
+def test_nothing_of_the_scenarios_seed_reaches_the_model() -> None:
+    """It could tell a hidden seed by the time that it takes: the next run of its owner would know the scenario."""
+
+    def drawn(seed: int) -> list[list[float]]:
+        agent = OnnxPolicy(content=models.noise().SerializeToString(), sensors=("speedometer",))
+        agent.reset(SCENARIO.missions[0], seed)
+        numbers = [agent.act(OBSERVATION).tolist() for _ in range(3)]
+        agent.close()
+        return numbers
+
+    assert drawn(1) == drawn(2)
+    assert drawn(1)[0] != drawn(1)[1]
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore:.*TracerWarning")
 def test_the_example_reaches_its_goal_and_gives_the_same_record_wherever_its_file_lies(
     folder: Path, tmp_path: Path

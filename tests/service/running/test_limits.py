@@ -45,7 +45,7 @@ def test_a_drive_beyond_the_limit_is_the_machines_fault_where_the_agent_was_fast
     monkeypatch.setattr("dohyo.service.running.process.POLL_S", 0.002)  # the drive takes a tenth of a second
     outcome = asyncio.run(drive(tmp_path, STEADY, 0.02))
     assert outcome.end is End.FAILED
-    assert "more than 0.02 s, of which its agent took 0 s" in outcome.text
+    assert "simulation took more than 0.02 s; its agent took 0 s" in outcome.text
 
 
 def test_the_time_in_calls_of_the_agent_is_summed(monkeypatch: pytest.MonkeyPatch) -> None:
