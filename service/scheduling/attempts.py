@@ -14,6 +14,11 @@ from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode
 
 CHARGED_ATTEMPTS = 2
 """Attempts that count against the submission, after which the episode is recorded as a fault of the agent."""
+SECOND_TRIES, SECOND_TRY_SHARE = 1, 0.1
+"""Number of episodes of a ranked run that are driven again after a charged attempt, and the share of all beside it.
+
+Who leaves a bad drive knows what comes when it is driven again.
+"""
 LONGEST_WHY = 2000
 LEAVING = (AttemptOutcome.WORKER_GONE, AttemptOutcome.GIVEN_BACK)
 UNCOUNTED = (AttemptOutcome.UNCLAIMED, AttemptOutcome.DRAINED)
@@ -42,16 +47,18 @@ class Tally:
         charged: Attempts that count against the submission.
         deaths: Attempts whose process died.
         failures: Attempts in which SUMO or the disk failed.
+        second_try: Whether the run has a second try for this episode.
     """
 
     charged: int
     deaths: int
     failures: int
+    second_try: bool = True
 
     @property
     def used_up(self) -> bool:
         """Whether the submission has no attempt left."""
-        return self.charged >= CHARGED_ATTEMPTS
+        return self.charged >= (CHARGED_ATTEMPTS if self.second_try else 1)
 
     def hopeless(self, most_deaths: int) -> bool:
         """Whether the infrastructure failed too often to try again."""
@@ -88,11 +95,25 @@ def tally(session: Session, episode_id: str) -> Tally:
     """Numbers of an episode's ended attempts."""
     query = select(Attempt.outcome, Attempt.charged, func.count()).where(Attempt.episode_id == episode_id)
     rows = session.execute(query.group_by(Attempt.outcome, Attempt.charged)).all()
+    charged = sum(count for _, charged, count in rows if charged)
     return Tally(
-        charged=sum(count for _, charged, count in rows if charged),
+        charged=charged,
+        second_try=not charged or _has_second_try(session, episode_id),
         deaths=sum(count for outcome, _, count in rows if outcome is AttemptOutcome.MACHINE),
         failures=sum(count for outcome, _, count in rows if outcome is AttemptOutcome.SIMULATION),
     )
+
+
+def _has_second_try(session: Session, episode_id: str) -> bool:
+    """Whether the first charged attempt of an episode is among those of its run that are driven again."""
+    run = session.get_one(Episode, episode_id).evaluation
+    if run.ranking_id is None:
+        return True
+    of_run = select(Attempt.episode_id, func.min(Attempt.ended).label("ended")).join(Episode)
+    of_run = of_run.where(Episode.evaluation_id == run.id, Attempt.charged).group_by(Attempt.episode_id)
+    left = [row.episode_id for row in session.execute(of_run.order_by("ended", Attempt.episode_id))]
+    episodes = session.scalar(select(func.count()).where(Episode.evaluation_id == run.id)) or 0
+    return left.index(episode_id) < SECOND_TRIES + int(SECOND_TRY_SHARE * episodes)
 
 
 def running_attempts(session: Session, evaluation_id: str) -> list[str]:

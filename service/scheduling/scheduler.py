@@ -23,7 +23,6 @@ from dohyo.service.periodic import ended
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.scheduling import queue
-from dohyo.service.scheduling.attempts import CHARGED_ATTEMPTS
 from dohyo.service.scheduling.dismissal import dismiss_workers
 from dohyo.service.scheduling.orders import Orders
 from dohyo.service.scheduling.queue import Next, Ticket, Waiting
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 2.0  # longest time between two looks at the queue
 RETRY_S = 1.0  # pause after a look that failed
-USED_UP = f"the worker left the episode in {CHARGED_ATTEMPTS} attempts"
+USED_UP = "the worker left the episode, for which its submission has no attempt left"
 
 logger = logging.getLogger("dohyo.scheduler")
 

@@ -108,7 +108,7 @@ def test_workers_that_leave_twice_lose_the_episode_and_cannot_erase_it(service: 
     assert None not in hashes
     (failed,) = [one for position in (0, 1) if (one := service.record(evaluation, position).egos[0]).status.agent_fault]
     assert failed.status is Status.AGENT_DEADLINE
-    assert "the worker left the episode in 2 attempts; the last: the worker was not heard of" in (failed.failure or "")
+    assert "submission has no attempt left; the last: the worker was not heard of" in (failed.failure or "")
     charged = [(one.outcome, one.why) for one in service.attempts(evaluation) if one.charged]
     assert [outcome for outcome, _ in charged] == ["given_back", "worker_gone"]
     assert "a bad draw" in (charged[0][1] or "")

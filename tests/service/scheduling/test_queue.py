@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
+from dohyo.service.boards.model import Ranking
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Attempt, AttemptOutcome, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import resume
@@ -154,6 +155,24 @@ def test_the_second_time_that_a_worker_leaves_is_a_fault_of_the_agent(shop: Serv
         assert queue.give_up(session, taken_in(session, evaluation), ended(leaving), 10)[0] is Next.AGAIN
         assert queue.give_up(session, taken_in(session, evaluation), ended(leaving), 10)[0] is Next.AGENT_FAULT
     assert shop.episodes(evaluation)[0].status is EpisodeStatus.RUNNING, "the verdict is written next"
+
+
+def test_a_ranked_run_has_few_second_tries(shop: Service) -> None:
+    """Who leaves a bad drive knows what comes when it is driven again."""
+    evaluation = shop.submit(info_of(STEADY), short(5), kind=AgentKind.BUILTIN, seeds=(0, 1))
+    with shop.database.session() as session:
+        run = session.get_one(Evaluation, evaluation)
+        conditions = {"seeds": [0, 1], "act_deadline_s": 10.0, "runs_per_period": 1, "period_s": 1.0}
+        ranking = Ranking(id="rk-1", benchmark_sha256=run.benchmark_sha256, **conditions)
+        session.add(ranking)
+        session.flush()
+        run.ranking_id = ranking.id
+        leave = ended(AttemptOutcome.GIVEN_BACK)
+        tickets = [taken_in(session, evaluation) for _ in range(4)]
+        said = [queue.give_up(session, ticket, leave, 10)[0] for ticket in tickets]
+        assert said == [Next.AGAIN, Next.AGAIN, Next.AGENT_FAULT, Next.AGENT_FAULT]
+        again = [taken_in(session, evaluation) for _ in range(2)]
+        assert [(one.position, one.attempt, one.used_up) for one in again] == [(0, 2, False), (1, 2, False)]
 
 
 def test_resume_erases_no_attempt(shop: Service) -> None:
