@@ -46,7 +46,7 @@ class ParkingResult:
         estimates: Estimate of each of `MEASURES`, by key. Karts of one lot are not independent: with several karts the
             intervals are over lots.
         endings: Number of karts by ending.
-        touched: Number of karts in contact, by what they touched.
+        touched: Number of karts that ended in contact, by what they touched.
     """
 
     agent: str
@@ -67,7 +67,7 @@ class LotCounts:
         karts: Number of karts.
         parked: Of these, how many parked.
         aligned: How many parked and are aligned.
-        contacts: How many touched something.
+        contacts: How many ended by touching something; a parked kart that is hit does not.
         timed_out: How many ran out of time.
         times_s: Times of those that parked.
     """
@@ -87,7 +87,7 @@ def count_karts(record: ParkingRecord) -> LotCounts:
         karts=len(karts),
         parked=sum(one.parked for one in karts),
         aligned=sum(one.aligned for one in karts),
-        contacts=sum(one.touched != "nothing" for one in karts),
+        contacts=sum(one.ending == "collided" for one in karts),
         timed_out=sum(one.ending == "timed_out" for one in karts),
         times_s=[one.time_s for one in karts if one.parked],
     )
@@ -97,7 +97,7 @@ def estimate_measure(key: str, lots: Sequence[LotCounts]) -> Estimate:
     """Estimate of one of `MEASURES` over lots."""
     match key:
         case "time_s":
-            return mean_estimate([time_s for lot in lots for time_s in lot.times_s])
+            return _mean_time([lot.times_s for lot in lots if lot.times_s])
         case "aligned":
             return _share([(lot.aligned, lot.parked) for lot in lots])
         case _:
@@ -111,7 +111,7 @@ def summarise_parking(records: Sequence[ParkingRecord]) -> ParkingResult:
         agent=records[0].agent.name,
         estimates={measure.key: estimate_measure(measure.key, lots) for measure in MEASURES},
         endings=dict(Counter(one.ending for one in karts).most_common()),
-        touched=dict(Counter(one.touched for one in karts if one.touched != "nothing").most_common()),
+        touched=dict(Counter(one.touched for one in karts if one.ending == "collided").most_common()),
     )
 
 
@@ -130,6 +130,14 @@ def compare_parking(first: Sequence[ParkingRecord], second: Sequence[ParkingReco
 
 def _parked_share(record: ParkingRecord) -> float:
     return 100.0 * sum(one.parked for one in record.karts) / len(record.karts)
+
+
+def _mean_time(times_s: Sequence[Sequence[float]]) -> Estimate:
+    """Mean over the karts of lots, whose times depend on each other."""
+    if all(len(some) == 1 for some in times_s):
+        return mean_estimate([some[0] for some in times_s])
+    ratio = ratio_estimate([sum(some) for some in times_s], [len(some) for some in times_s], floor=1.0)
+    return dataclasses.replace(ratio, n=sum(map(len, times_s)))
 
 
 def _share(counts: Sequence[tuple[int, int]]) -> Estimate:

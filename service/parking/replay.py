@@ -97,7 +97,8 @@ def _kart(one: KartRecord, number: int, motion: Float32Array) -> dict[str, Any]:
         "route": [],
         "status": STATUSES[one.ending].value,
         "failure": one.failure,
-        "infractions": [contact] if one.touched in _CONTACTS else [],
+        # Another kart may hit one that has parked.
+        "infractions": [contact] if one.ending == "collided" and one.touched in _CONTACTS else [],
         "series": {"speed": _rounded(motion[:, 3])},
         "parking": one.model_dump(mode="json"),
     }

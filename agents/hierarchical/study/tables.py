@@ -23,6 +23,7 @@ PAIRS: Final = (
     ("ghrl-r-pictures", "ghrl-pictures"), ("ghrl-s", "ghrl-r"), ("ghrl-r", "rules"),
 )  # fmt: skip
 """Claims: the first arm succeeds more often; the first three are the thesis's."""
+UNLAWFUL: Final = {"red_light", "stop_sign"}
 
 
 def arms_section(*arms: str) -> Callable[[Results], str]:
@@ -81,8 +82,8 @@ def tables(rows: Sequence[Row], arms: Sequence[str]) -> str:
 def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per cell, or per kind of event, and two per benchmark; each training in parentheses.
 
-    Beside a benchmark's success stands its lawful success, of drives that ran no red light either. The last row is the
-    thesis's success of long drives, 2500 m without a collision, if routes are so long.
+    Beside a benchmark's success stands its lawful success, of drives that ran no red light or stop sign. The last row is
+    the thesis's success of long drives, 2500 m without a collision, if routes are so long.
     """
     lines: list[tuple[str, Sequence[Row], str, bool]] = []
     for benchmark, some in grouped(rows, "benchmark").items():
@@ -93,7 +94,7 @@ def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
         if len(groups) > 1:
             lines.append((f"{benchmark}, all", some, "success", True))
         if any("red_light" in row["infractions"] for row in _kept(some)):
-            lines.append((f"{benchmark}, all, no red light run either", some, "lawful", True))
+            lines.append((f"{benchmark}, all, no red light or stop sign run either", some, "lawful", True))
     if len(grouped(rows, "benchmark")) > 1:
         lines.append(("all", rows, "success", True))
     if long := [row for row in rows if row.get("drove_2500m") is not None]:
@@ -106,7 +107,7 @@ def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
 
 
 def failure_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
-    """A row per benchmark and arm: how drives failed, red lights run, and successes without a red light run."""
+    """A row per benchmark and arm: how drives failed, red lights run, and lawful successes."""
     lines = []
     for benchmark, arm, some in by_place(rows, arms):
         kept = _kept(some)
@@ -162,8 +163,8 @@ def percent(rows: Iterable[Row], arm: str, measure: str) -> Matched:
 
 
 def is_lawful(row: Row) -> bool:
-    """Whether a drive succeeded and ran no red light."""
-    return bool(row["success"]) and "red_light" not in row["infractions"]
+    """Whether a drive succeeded and ran neither a red light nor a stop sign."""
+    return bool(row["success"]) and UNLAWFUL.isdisjoint(row["infractions"])
 
 
 def failures(rows: Iterable[Row]) -> Counter[str]:

@@ -1,9 +1,9 @@
 """Training of parking: PPO, SAC, MA-POCA, and the parts of DPPO-IL on PPO (Albilani 2023, algorithm 9).
 
-    dohyo train parking --config agents/parking/configs/dppo_il.toml --out out/parking/dppo-il/seed-0
+    dohyo train parking --config agents/parking/configs/parking.toml --out out/parking/dppo-il/seed-0
 
-DPPO-IL has two phases. First the policy imitates demonstrations without their actions, by BCO: an inverse dynamics
-model learns from the learner's own steps which action leads from one observation to the next. Then PPO maximises the
+DPPO-IL has two phases. First the policy imitates demonstrations by BCO: an inverse dynamics model learns which action
+leads from one observation to the next, by default from the demonstrations and their actions. Then PPO maximises the
 task's reward, the surprise of a forward model (ICM) and the success in passing as the expert (GAIL).
 
 Where the thesis has no number, the default is that of Unity ML-Agents, with which it was made; others are marked.
@@ -69,7 +69,7 @@ class ParkingConfig(RunConfig):
         environments: Karts, of all lots together.
         scene: Kind of lot.
         karts: In each lot.
-        reward: See `agents.parking.task.REWARDS`.
+        reward: See `agents.parking.training.task.REWARDS`.
         progress: Reward per metre towards the spot (ours).
         gradual: Whether the curriculum is used.
         lots: Held-out lots of an evaluation.

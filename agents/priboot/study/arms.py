@@ -47,9 +47,9 @@ TRAININGS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 """Settings of each training, on top of `SETTINGS`; {full} is the weights of `full` of the same seed."""
 ARMS: Final[Mapping[str, PribootArm]] = MappingProxyType(
     {
-        "autopilot": PribootArm("the expert that was recorded", "", reported=(0.99, 0.22, 5.55)),
+        "autopilot": PribootArm("the expert that was recorded", ""),
         "full": PribootArm("", "full", reported=(18.84, 46.97, 74.29)),
-        "no-rules": PribootArm("the network drives alone", "full", rules=False),
+        "no-rules": PribootArm("the network and creeping, which then minds nothing", "full", rules=False),
         "no-augmentation": PribootArm("no displaced views", "no-augmentation", reported=(2.66, 5.22, 15.92)),
         "no-augmentation-no-rules": PribootArm("no displaced views, no rules", "no-augmentation", rules=False),
         "masks": PribootArm("masks, convolutions from scratch", "masks", reported=(5.55, 21.08, 54.02)),

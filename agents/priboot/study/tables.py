@@ -59,7 +59,7 @@ def arms_table(results: Results) -> str:
     lines = []
     for network, arm, own in by_place(results.kept, ARMS):
         scores = [mean_of(own, arm, name, 2 if name == "infraction_penalty" else 1) for name in MEASURES]
-        thesis = ARMS[arm].reported
+        thesis = ARMS[arm].reported if network == "leaderboard" else None
         told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
         lines.append([network, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
     heads = ["benchmark", "arm", "difference", *MEASURES.values(), *LOSSES.values(), *STARTS.values(), "drives"]

@@ -23,6 +23,7 @@ SHOWN: Final = {
     "least_headway_s": ("least headway, s", 2),
     "least_ttc_s": ("least TTC, s", 2),
     "collisions": ("collisions", 1),
+    "waiting": ("waiting outside at the end", 0),
 }
 """Metrics of the tables: head and decimals."""
 COMPARED: Final[Mapping[str, Relation]] = {

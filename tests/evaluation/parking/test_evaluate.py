@@ -192,6 +192,15 @@ def test_rates_count_karts_and_intervals_are_over_lots(three):
     assert 30 < none.high < 50  # no event in 6 lots, by Wilson
 
 
+def test_a_parked_kart_that_is_hit_has_parked(three):
+    """Only who drove into it ended in contact."""
+    _, records = three
+    first = next(record for record in records if any(one.ending == "parked" for one in record.karts))
+    hit = [one.model_copy(update={"touched": "kart"}) if one.ending == "parked" else one for one in first.karts]
+    before, after = summarise_parking([first]), summarise_parking([first.model_copy(update={"karts": tuple(hit)})])
+    assert (after.estimates, after.touched) == (before.estimates, before.touched)
+
+
 def test_agents_are_compared_on_common_lots(three, tmp_path):
     _, records = three
     other = evaluated(tmp_path / "other", agent="Broken")

@@ -118,7 +118,7 @@ def test_lawful_success_stands_beside_success_where_a_red_light_was_run():
     drives = [*drives_of("ghrl", {None: [1, 1, 0]}), a_drive(arm="ghrl", scenario="m3", infractions=["red_light"])]
     success, lawful = rows(tables.success_table(drives, ["ghrl"]))
     assert success[1].startswith("75.0 [")
-    assert lawful[0] == "precrash, all, no red light run either"
+    assert lawful[0] == "precrash, all, no red light or stop sign run either"
     assert lawful[1].startswith("50.0 [")
 
 
