@@ -82,8 +82,8 @@ def tables(rows: Sequence[Row], arms: Sequence[str]) -> str:
 def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per cell, or per kind of event, and two per benchmark; each training in parentheses.
 
-    Beside a benchmark's success stands its lawful success, of drives that ran no red light or stop sign. The last row is
-    the thesis's success of long drives, 2500 m without a collision, if routes are so long.
+    Beside a benchmark's success stands its lawful success, of drives that ran no red light or stop sign. The last row
+    is the thesis's success of long drives, 2500 m without a collision, if routes are so long.
     """
     lines: list[tuple[str, Sequence[Row], str, bool]] = []
     for benchmark, some in grouped(rows, "benchmark").items():
