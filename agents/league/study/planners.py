@@ -14,10 +14,11 @@ from types import MappingProxyType
 from typing import Final
 
 from dohyo.agents.mcts.study.arms import BEFORE, THESIS
-from dohyo.agents.mcts.study.measures import EXCERPTS, of_excerpt
+from dohyo.agents.mcts.study.measures import EXCERPTS, SHARES, of_excerpt
 from dohyo.agents.mcts.study.tables import causes_table
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.crossed_bootstrap import of_shares
 from dohyo.agents.studies.driving import prepare_excerpts, scored_excerpt
 from dohyo.agents.studies.rows import Row, by_arm
 from dohyo.agents.studies.runner import Job
@@ -25,6 +26,7 @@ from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results, Study, judging
 from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.config import Config
 
 PUBLISHED: Final = MappingProxyType({"variant": "published"})
@@ -91,7 +93,7 @@ def scores_section(results: Results) -> str:
         [
             arm,
             ARMS[arm].isolates,
-            *(mean_of(rows, arm, one) for one in EXCERPTS),
+            *(mean_of(rows, arm, one, alone=of_shares if one in SHARES else mean_estimate) for one in EXCERPTS),
             f"{ARMS[arm].reported or MISSING}",
             str(len(rows)),
         ]

@@ -43,6 +43,7 @@ CLAIMS: Final = (
         *_above("mbappe", "predictor-idm", "predictor-constant_velocity", "alone-learned"),
         *_above("predictor-idm", "alone-idm"),
         *_above("predictor-constant_velocity", "alone-constant_velocity"),
+        *_above("thesis", "alone-learned"),
     ),
     *of_ablation(9, *_above("mbappe", "hold-0.1s")),
     *_above("mbappe", "random-shooting", "idm", "choice-q", "choice-visits"),

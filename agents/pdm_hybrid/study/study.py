@@ -158,9 +158,10 @@ def _plan(name: str, policy: Path | None) -> Plan:
 
 
 def _agent(arm: PlanArm, policy: Path | None) -> Agent:
+    """The planner of an arm, as it was when the first of these drives were made."""
     if policy is None:
-        return PdmClosed()  # type: ignore[abstract]
-    return PdmHybrid(policy=policy, kept_s=arm.kept_s)  # type: ignore[abstract]
+        return PdmClosed(looks_ahead=False)  # type: ignore[abstract]
+    return PdmHybrid(policy=policy, kept_s=arm.kept_s, looks_ahead=False)  # type: ignore[abstract]
 
 
 def _driven(cell: Cell, agent: Agent) -> Row:
