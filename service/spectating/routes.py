@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from dohyo.evaluation.records.store import read_record, read_trajectory
@@ -19,7 +18,7 @@ from dohyo.service.errors import ConflictError, GoneError
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.caching import Cached, already_has, immutable
 from dohyo.service.web.documents import Identifier, problems
-from dohyo.service.web.events import MEDIA_TYPE
+from dohyo.service.web.events import MEDIA_TYPE, EventResponse
 from dohyo.service.web.heavy import Heavy
 from dohyo.service.worlds.access import find_world
 from dohyo.service.worlds.records import kept_record
@@ -37,7 +36,7 @@ router = APIRouter(prefix="/v1/worlds/{identifier}", tags=["worlds"])
     responses=problems(404, 409)
     | {200: {"description": "Events `stage`, `state`, `plans`, `scene`, `end`.", "content": {MEDIA_TYPE: {}}}},
 )
-async def stream_world(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
+async def stream_world(identifier: Identifier, request: Request, caller: Holder, services: ServicesOf) -> Response:
     """Streams a live world to a spectator as server-sent events, at most ten scenes a second.
 
     `stage` has what does not change, `state` the status and the drivers after each change, `plans` what drivers intend,
@@ -49,9 +48,7 @@ async def stream_world(identifier: Identifier, caller: Holder, services: Service
     if world is None:
         raise ConflictError(f"world '{identifier}' has ended")
     world.audience.check_room()
-    return StreamingResponse(
-        world.audience.events(caller.token_id or ""), media_type=MEDIA_TYPE, headers={"cache-control": "no-store"}
-    )
+    return EventResponse(request, world.audience.events(caller.token_id or ""))
 
 
 @router.get("/replay", response_class=Response, responses=problems(404, 409, 410) | Cached.json())

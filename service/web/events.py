@@ -44,7 +44,7 @@ class EventResponse(StreamingResponse):
     A stream counts from its first byte to its end: the limit of connections closes only those that wait.
     """
 
-    def __init__(self, request: Request, events: AsyncIterator[str]) -> None:
+    def __init__(self, request: Request, events: AsyncIterator[str] | AsyncIterator[bytes]) -> None:
         """An answer to a request, which counts for its caller."""
         super().__init__(events, media_type=MEDIA_TYPE, headers={"cache-control": "no-store"})
         services: Services = request.app.state.services

@@ -54,6 +54,10 @@ def check_url(url: str, *, private_allowed: bool) -> None:
         host, _ = parts.hostname, parts.port
     except ValueError as error:
         raise InvalidInputError(f"webhook: {error}") from error
+    try:
+        httpx.URL(url)  # which sends, and refuses more
+    except httpx.InvalidURL as error:
+        raise InvalidInputError(f"webhook: {error}") from error
     if parts.scheme not in ("https", "http") or not host or not url.isprintable():
         raise InvalidInputError("webhook: expected a URL such as https://example.org/hook")
     if parts.username is not None or parts.password is not None:
@@ -164,8 +168,10 @@ class Deliverer:
                 status = await self._post(delivery, webhook)
         except TimeoutError:
             failure = f"no answer within {TIMEOUT_S:g} s"
-        except (InvalidInputError, httpx.HTTPError, ValueError, OSError) as error:
-            failure = str(error) if isinstance(error, InvalidInputError) else type(error).__name__
+        except InvalidInputError as error:
+            failure = str(error)
+        except Exception as error:  # whatever it is: a delivery that is not settled would be due again at once
+            failure = type(error).__name__
         else:
             failure = None if 200 <= status < 300 else f"it answered {status}"
         logger.info("webhook", extra={"facts": {"delivery": delivery.id, "webhook": webhook.id, "failure": failure}})

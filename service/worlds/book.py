@@ -138,6 +138,8 @@ class WorldBook:
             await world.shown()
         except BusyError:
             task.cancel()
+            await asyncio.wait([task])
+            await asyncio.to_thread(self._remove, identifier)  # else the same request would get it again
             raise
         if task.done() or identifier not in self._live:
             await self._refuse(identifier, await task)
@@ -176,9 +178,9 @@ class WorldBook:
 
     async def _refuse(self, identifier: str, outcome: Outcome) -> None:
         """Raises the reason for which a world did not begin."""
+        await asyncio.to_thread(self._remove, identifier)  # else the same request would get it again
         if outcome.end is not End.IMPOSSIBLE:
             raise BusyError(f"the world could not be started: {outcome.text}")
-        await asyncio.to_thread(self._remove, identifier)
         raise InvalidInputError(f"scenario: {outcome.text}")
 
     async def _undo(self, identifier: str, added: asyncio.Task[str | None], process: EpisodeProcess) -> None:
@@ -210,9 +212,10 @@ class WorldBook:
             await asyncio.to_thread(self._store, world, reason)
         except Exception:  # the next start of the service says that it failed
             logger.exception("world %s: its end cannot be stored", world.id)
-        del self._live[world.id], self._tasks[world.id]
-        self._over[world.id] = time.monotonic()
-        world.over(reason or "all egos have ended their drives")
+        finally:
+            del self._live[world.id], self._tasks[world.id]
+            self._over[world.id] = time.monotonic()
+            world.over(reason or "all egos have ended their drives")
         return outcome
 
     def _store(self, world: LiveWorld, reason: str | None) -> None:
@@ -237,11 +240,12 @@ class WorldBook:
     def end_later(self, world: LiveWorld, why: str) -> None:
         """Ends a world; its process is killed where it takes too long for that."""
         world.end(why)
-        asyncio.get_running_loop().call_later(END_S, self._cancel, world.id)
+        asyncio.get_running_loop().call_later(END_S, self._kill, world.id)
 
-    def _cancel(self, identifier: str) -> None:
-        if (task := self._tasks.get(identifier)) is not None:
-            task.cancel()
+    def _kill(self, identifier: str) -> None:
+        """Kills the process of a world that still lives; what follows on its end is done as ever."""
+        if (world := self._live.get(identifier)) is not None:
+            world.kill()
 
     async def ended(self, identifier: str) -> None:
         """Waits until a world has ended."""

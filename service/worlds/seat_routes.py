@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
@@ -24,6 +25,9 @@ from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.sensors import Track, make_sensors
 from dohyo.sumo_networks.units import TICK_S
+
+MOST_SHOWN_BYTES = 8_000_000
+"""What a place may observe in a tick; 40 cameras of 256 x 256 pixels."""
 
 router = APIRouter(prefix="/v1", tags=["worlds"], route_class=StrictRoute)
 
@@ -190,14 +194,20 @@ def _spec(order: JoinRequest) -> AgentSpec:
     """Sensors and control of a worker, checked.
 
     Raises:
-        InvalidInputError: There is no such sensor on the track, or no such control.
+        InvalidInputError: There is no such sensor on the track, or no such control; or a tick would show too much.
     """
     try:
-        make_sensors(order.sensors, Track[order.track.upper()])
+        sensors = make_sensors(order.sensors, Track[order.track.upper()])
         if order.control not in WORLD_CONTROLS:
             raise UnknownNameError("control", order.control, WORLD_CONTROLS)
     except UnknownNameError as error:
         raise InvalidInputError(str(error)) from error
+    one = sum(sensor.space.dtype.itemsize * math.prod(sensor.space.shape) for sensor in sensors)
+    if (shown := one * max(1, len(set(order.egos)))) > MOST_SHOWN_BYTES:
+        raise InvalidInputError(
+            f"expected sensors whose arrays have at most {MOST_SHOWN_BYTES:,} bytes a tick, for all egos of the place, "
+            f"got {shown:,}"
+        )
     return AgentSpec(name=order.name, track=order.track, sensors=tuple(order.sensors), control=order.control)
 
 

@@ -18,7 +18,7 @@ from msgspec import UNSET
 from dohyo.evaluation.agent import AgentSpec
 from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Fault, Kind
-from dohyo.service.running.process import EpisodeProcess
+from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.simulating.actors import ActorChange, WorldActors
 from dohyo.service.simulating.order import Drivers, Reset, WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN, Decided, Shown
@@ -160,6 +160,10 @@ class LiveWorld:
         if self.begun:
             self._process.send(Kind.FAULT, json.dumps([Fault.TIMEOUT, why]).encode())
 
+    def kill(self) -> None:
+        """Kills the process of a world whose end takes too long."""
+        self._process.kill(Outcome(End.STOPPED, f"{self.ending}; its process took too long to end"))
+
     @property
     def _goes_on(self) -> bool:
         return self.status is WorldStatus.RUNNING or self._allowed > 0
@@ -266,7 +270,8 @@ class LiveWorld:
         seat.refuse_ended()
         if step.tick != seat.tick and not comes_late:
             raise StaleTickError(seat.tick, step.tick)
-        if seat.decision is None:
+        # In real time a repetition may be under way; then this decision is the one that the next tick has.
+        if seat.decision is None or (self.clock.realtime and seat.repeated):
             self._decide(seat, step, fmt)
         if self.clock.realtime:  # also where the repetition of its last decision is being driven
             seat.due = time.monotonic() + self.deadline_s
@@ -357,9 +362,14 @@ class LiveWorld:
         """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""
         self._tell_state()
         self.audience.beat(time.monotonic())
-        if not self._is_shown.is_set() or not self._goes_on or not self.driving:
+        if not self._goes_on or not self.driving:
             return
         now = time.monotonic()
+        if not self._is_shown.is_set():
+            # A world that is slower than its pace is always at a tick.
+            for seat in [one for one in self.seats if self.clock.realtime and one.repeated and now > one.due]:
+                self.leave(seat, f"no decision came in {self.deadline_s:g} s")
+            return
         for seat in [one for one in self.seats.silent if now > one.due]:
             if self.late == "repeat" and seat.last is not None and not self.clock.realtime:
                 seat.repeat()

@@ -136,6 +136,8 @@ def test_redirects_are_not_followed(telling: Harness, receiver: Receiver, monkey
         "no address",
         "https://example.org:99999/",
         "https://example.org/\n",
+        "https://300.1.1.1/",
+        "https://[v1.a]/",
     ],
 )
 def test_addresses_that_no_webhook_may_have(service: Harness, url: str) -> None:
@@ -158,6 +160,23 @@ def test_a_public_name_that_leads_inside_is_refused_when_it_is_called(monkeypatc
     for inside in ("127.0.0.1", "10.0.0.1", "::1", "169.254.169.254", "::ffff:192.168.1.1", "224.0.0.1"):
         with pytest.raises(InvalidInputError, match="not public"):
             asyncio.run(address_of(["93.184.215.14", inside]))
+
+
+def test_a_delivery_that_fails_by_a_defect_is_settled_and_given_up(
+    telling: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it would be due again at once, as fast as the machine can."""
+
+    async def post(*_: object) -> int:
+        raise LookupError("a defect")
+
+    monkeypatch.setattr(delivery.Deliverer, "_post", post)
+    team = telling.caller("team")
+    team.post("/v1/webhooks", {"url": "http://127.0.0.1:9/hook"})
+    team.agent("a")
+    team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+    (one,) = settled(telling)
+    assert (one.attempts, one.failure) == (webhooks.ATTEMPTS, "LookupError")
 
 
 def test_each_owner_has_a_few(service: Harness) -> None:

@@ -44,6 +44,25 @@ def test_a_process_that_does_not_start_leaves_no_world(
     assert worlds_of(database) == 0
 
 
+def test_a_world_that_dies_before_its_first_tick_is_made_anew_by_the_same_request(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who is answered 503 sends the same request again, and must not get the dead world."""
+
+    async def start(process: EpisodeProcess) -> None: ...
+
+    async def drive(process: EpisodeProcess, order: WorldOrder) -> Outcome:
+        return Outcome(End.DIED, "no memory")
+
+    monkeypatch.setattr(EpisodeProcess, "start", start)
+    monkeypatch.setattr(EpisodeProcess, "drive", drive)
+    book = WorldBook(Settings(data=tmp_path / "data"), database)
+    for _ in range(2):
+        with pytest.raises(BusyError, match="could not be started: no memory"):
+            asyncio.run(book.create("lab", order, RULES, ("key", "one")))
+    assert worlds_of(database) == 0
+
+
 def test_a_request_that_is_given_up_leaves_no_world(
     database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

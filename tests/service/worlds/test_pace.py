@@ -38,6 +38,24 @@ def test_real_time_goes_on_without_decisions_and_counts_them(client: Client) -> 
     assert (held["pace"], client.step(seat, now["tick"], front=STAND).json()["tick"]) == ("lockstep", now["tick"] + 1)
 
 
+def test_decisions_count_in_a_world_that_is_slower_than_its_pace(client: Client) -> None:
+    """It is always at a tick, so that every decision comes while a repetition is being driven."""
+    world = alone(client, pace="realtime", speed=100.0, deadline_s=60, stays=True)
+    seat = client.seat(world, "a", "front")
+    client.step(seat, 0, front=STAND)
+    client.until(world, lambda found: found["tick"] >= 20)
+    seen = client.now(seat)
+    assert seen["observations"]["front"]["speedometer"][0] < 0.1
+    client.step(seat, seen["tick"], front=AHEAD)
+    assert client.until(world, lambda found: found["status"] == "over")["tick"] > 20, "it reaches its goal"
+
+
+def test_a_silent_worker_loses_its_place_in_a_world_that_is_slower_than_its_pace(client: Client) -> None:
+    world = alone(client, pace="realtime", speed=100.0, deadline_s=0.5, stays=True)
+    client.step(client.seat(world, "a", "front"), 0, front=STAND)
+    client.until(world, lambda found: found["egos"][0]["driver"] is None)
+
+
 def test_a_silent_worker_loses_its_place_in_real_time(client: Client) -> None:
     world = alone(client, pace="realtime", deadline_s=0.3)
     client.step(client.seat(world, "a", "front"), 0, front=AHEAD)
