@@ -22,6 +22,8 @@ from dohyo.sumo_networks.networks.xml_guard import check_size, scan
 
 CACHE_VERSION = 4
 GRID_CELL_M = 30.0
+MOST_CELLS = 4_000_000
+"""Of the grid of a network; one of larger extent has larger cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,16 +260,17 @@ class RoadNetwork:
         table, owner = np.concatenate(segments), np.concatenate(owners).astype(np.int64)
         low = np.minimum(table[:, :2], table[:, 2:]).min(axis=0) - GRID_CELL_M
         high = np.maximum(table[:, :2], table[:, 2:]).max(axis=0) + GRID_CELL_M
-        columns, rows = (int(n) + 1 for n in (high - low) / GRID_CELL_M)
+        cell = max(GRID_CELL_M, float(np.sqrt(np.prod(high - low) / MOST_CELLS)))
+        columns, rows = (int(n) + 1 for n in (high - low) / cell)
         cells: list[list[int]] = [[] for _ in range(columns * rows)]
-        corners = np.floor((table.reshape(-1, 2, 2) - low) / GRID_CELL_M).astype(int)
+        corners = np.floor((table.reshape(-1, 2, 2) - low) / cell).astype(int)
         for i, ((c0, r0), (c1, r1)) in enumerate(corners):
             for r in range(min(r0, r1), max(r0, r1) + 1):
                 for c in range(min(c0, c1), max(c0, c1) + 1):
                     cells[r * columns + c].append(i)
         starts = np.concatenate([[0], np.cumsum([len(cell) for cell in cells])]).astype(np.int64)
         members = np.array([i for cell in cells for i in cell], dtype=np.int64)
-        return table, owner, self.lanes.width / 2, starts, members, low, GRID_CELL_M, columns, rows
+        return table, owner, self.lanes.width / 2, starts, members, low, cell, columns, rows
 
 
 _GROUPS = {

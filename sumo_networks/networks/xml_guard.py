@@ -26,6 +26,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 LIMIT_MB = 200.0
 _CHUNK = 1 << 20
 _EVERY_NODE = 16
+_TRUE = frozenset(("true", "t", "1", "yes", "on", "x"))
+"""What SUMO reads as true."""
 """One of so many nodes of an OSM file is taken to find its place."""
 _NET_ELEMENTS = frozenset(
     (
@@ -146,7 +148,7 @@ class _Scanner:
         self.elements[tag] += 1
         self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
         self.crossings += tag == "edge" and attributes.get("function") == "crossing"
-        self.left_hand |= tag == "net" and attributes.get("lefthand") == "true"
+        self.left_hand |= tag == "net" and attributes.get("lefthand", "").lower() in _TRUE
         self.left_hand |= tag == "road" and attributes.get("rule") == "LHT"
         if tag == "node" and self.root == "osm" and self.elements["node"] % _EVERY_NODE == 1:
             self._locate(attributes)

@@ -12,7 +12,8 @@ from typing import Final
 
 _ROOT: Final = re.compile(rb"<net\b[^>]*>")
 _BOUNDARY: Final = re.compile(rb'convBoundary="(-?[\d.]+),[^,]*,(-?[\d.]+),')
-_SHAPE: Final = re.compile(rb'\b(shape|outlineShape|customShape)="([^"]*)"')
+_SHAPE: Final = re.compile(rb'\b(shape|outlineShape)="([^"]*)"')  # customShape is a bool
+_LEFT_HAND: Final = re.compile(rb'\slefthand="[^"]*"')
 _JUNCTION_X: Final = re.compile(rb'(<junction\b[^>]*? x=")(-?[\d.]+)"')
 _DIRECTION: Final = re.compile(rb'\bdir="([lrLRT])"')
 _PROJECTION: Final = re.compile(rb'\bprojParameter="[^"]*"')
@@ -34,7 +35,7 @@ def mirror_image(net: bytes) -> bytes:
         points = (point.partition(b",") for point in match[2].split())
         return match[1] + b'="' + b" ".join(flipped(x) + b"," + rest for x, _, rest in points) + b'"'
 
-    net = _ROOT.sub(lambda match: match[0].replace(b' lefthand="true"', b""), net, count=1)
+    net = _ROOT.sub(lambda match: _LEFT_HAND.sub(b"", match[0]), net, count=1)
     net = _SHAPE.sub(flip_shape, net)
     net = _JUNCTION_X.sub(lambda match: match[1] + flipped(match[2]) + b'"', net)
     net = _DIRECTION.sub(lambda match: b'dir="' + _OTHER_SIDE[match[1]] + b'"', net)

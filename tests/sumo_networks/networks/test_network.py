@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import math
 from pathlib import Path
@@ -165,6 +166,15 @@ def test_no_lane_is_near_beyond_30_metres(y: float, found: bool) -> None:
     lane, offset, error = network.nearest_lane(500.0, y, 0.0, anywhere(network))
     assert (lane >= 0) == found
     assert math.isnan(offset) == math.isnan(error) == (not found)
+
+
+def test_a_network_of_any_extent_needs_little_memory() -> None:
+    near, factor = straight_road().network, 10_000.0
+    lanes = dataclasses.replace(near.lanes, points=near.lanes.points * factor)
+    far = dataclasses.replace(near, lanes=lanes)
+    lane, offset, _ = far.nearest_lane(0.4 * 1000.0 * factor, -4.8 * factor + 1.0, 0.0, anywhere(far))
+    assert str(far.lanes.ids[lane]) == "w_e_0"
+    assert offset == pytest.approx(1.0)
 
 
 def test_inside_a_junction_the_route_decides_then_the_heading() -> None:

@@ -69,6 +69,12 @@ def test_a_net_with_left_hand_traffic_is_driven_only_after_an_import(tmp_path: P
     with pytest.raises(InvalidInputError, match="left-hand traffic, in which dohyo cannot drive"):
         load_network(str(net))
     assert MIRRORED in import_network(net, "left").report.guessed
+    edited = tmp_path / "edited.net.xml"  # as netedit marks junctions, and another spelling of true
+    text = net.read_text().replace(' lefthand="true"', ' lefthand="1"')
+    edited.write_text(re.sub(r'(<junction id="[^:"][^>]*?)(/?>)', r'\1 customShape="true"\2', text))
+    with pytest.raises(InvalidInputError, match="left-hand traffic"):
+        load_network(str(edited))
+    assert MIRRORED in import_network(edited, "edited").report.guessed
     with pytest.raises(InvalidInputError, match="says that traffic drives on the left"):
         import_network(net, "right", ImportOptions(left_hand=False))
 
