@@ -34,6 +34,7 @@ from dohyo.sumo_networks.sensors import Observation
 
 ACQUIRE_S = 20.0
 REPLY_S = 150.0  # a tick of a large network may be slow
+IDLE_S = 30.0  # well below the time after which the service closes a connection that nobody uses
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 LONGEST_TEXT = 500
 UNTOLD = {"start": {"lane": "untold"}, "goal": {"lane": "untold"}}
@@ -149,6 +150,7 @@ class Connection:
         self._secure, self._host, self._port = parts.scheme == "https", parts.hostname, parts.port
         self._prefix, self._timeout_s = parts.path.rstrip("/"), timeout_s
         self._connection: HTTPConnection | None = None
+        self._used = 0.0  # monotonic time
 
     def post(self, path: str, document: Any, token: str) -> Any:
         """Sends a document and returns the answer; None for an empty one.
@@ -177,6 +179,9 @@ class Connection:
         body = None
         if document is not None:
             headers["content-type"], body = fmt.value, encode(document, fmt)
+        if time.monotonic() - self._used > IDLE_S:
+            self.close()  # the service may have closed its end, which shows only after a request has gone
+        self._used = time.monotonic()
         with self._one_answer():
             if self._connection is None:
                 self._connection = self._open()
@@ -193,6 +198,7 @@ class Connection:
         with self._one_answer():
             response = self._connection.getresponse()
             body = response.read()
+        self._used = time.monotonic()
         if response.status >= 400:
             raise _refusal(response.status, body, response.getheader("retry-after"))
         return decode(body, Format(response.getheader("content-type", Format.MSGPACK.value))) if body else None

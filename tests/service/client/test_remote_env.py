@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import gymnasium
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 import dohyo
 from dohyo.agents.learning.gymnasium.task import GymnasiumTask
 from dohyo.agents.learning.tasks.environments import check_environments
+from dohyo.service.client import worker_session
 from dohyo.service.client.client import Client
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -83,6 +87,34 @@ def test_learners_take_an_address_as_their_environment(served: Served, monkeypat
     environments.close()
     with pytest.raises(InvalidInputError, match="expected options benchmark"):
         gymnasium.make_vec("dohyo/Remote-v0", url=f"{served.url}?colour=red")
+
+
+class _Impatient(BaseHTTPRequestHandler):
+    """Answers, and closes a connection that is idle for a moment."""
+
+    protocol_version, timeout = "HTTP/1.1", 0.2
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["content-length"]))
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None: ...
+
+
+def test_a_learner_may_pause_for_longer_than_the_service_keeps_a_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_session, "IDLE_S", 0.1)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), _Impatient)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    connection = worker_session.Connection(f"http://127.0.0.1:{server.server_port}")
+    try:
+        for _ in range(3):
+            assert connection.post("/", {}, "token") is None
+            time.sleep(0.5)
+    finally:
+        connection.close()
+        server.shutdown()
+        server.server_close()
 
 
 def test_the_client_makes_steps_resets_and_ends_a_world(served: Served) -> None:
