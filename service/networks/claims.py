@@ -32,15 +32,23 @@ def claim_name(session: Session, name: str, owner: str, job_id: str) -> bool:
     return False
 
 
-def complete(session: Session, name: str, kept_bytes: int) -> None:
-    """Notes that a claimed network is in the catalog."""
-    row = session.get_one(UploadedNetwork, name)
+def complete(session: Session, name: str, job_id: str, kept_bytes: int) -> None:
+    """Notes that the network that a job claimed is in the catalog.
+
+    Raises:
+        ConflictError: Another job has claimed the name since, when this one was cancelled.
+    """
+    row = session.get(UploadedNetwork, name)
+    if row is None or row.claim != job_id:
+        raise ConflictError(f"network '{name}': the import was cancelled, and another one has the name")
     row.claim, row.kept_bytes = None, kept_bytes
 
 
-def release(session: Session, name: str) -> None:
-    """Frees a claimed name."""
-    session.delete(session.get_one(UploadedNetwork, name))
+def release(session: Session, name: str, job_id: str) -> None:
+    """Frees a name if it is this job's: another one may have claimed it since, when this one was cancelled."""
+    row = session.get(UploadedNetwork, name)
+    if row is not None and row.claim == job_id:
+        session.delete(row)
 
 
 def _is_unfinished(session: Session, job_id: str) -> bool:

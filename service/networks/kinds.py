@@ -29,10 +29,11 @@ def import_roads(task: Task) -> Made:
         except BaseException:
             if name not in network_names():
                 with database.session() as session:
-                    claims.release(session, name)
+                    claims.release(session, name, task.id)
             raise
     with database.session() as session:
-        claims.complete(session, name, sum(one.stat().st_size for one in network_folder(name).iterdir()))
+        size = sum(one.stat().st_size for one in network_folder(name).iterdir())
+        claims.complete(session, name, task.id, size)
     return Made(view_network(find_network(name)).model_dump(mode="json"), f"/v1/networks/{name}")
 
 
