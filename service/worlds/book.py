@@ -36,6 +36,8 @@ ENTRY: Final = "dohyo.service.simulating.child:simulate_here"
 Repeatable = tuple[str | None, str]
 """Idempotency-Key of a request, and the hash of its content."""
 SWEEP_S: Final = 0.1
+ENDED_SEATS: Final = 20
+"""Of a world, which still answer the last request sent again."""
 END_S: Final = 60.0  # for the rest of a tick and the record
 FORGET_S: Final = 300.0
 
@@ -255,7 +257,10 @@ class WorldBook:
     # Seats
 
     def add_seat(self, world: LiveWorld, seat: Seat) -> None:
-        """Makes a seat known by its identifier."""
+        """Makes a seat known by its identifier; of those that have ended, each with its last reply, a few are kept."""
+        left = [key for key, (of, one) in self._seats.items() if of is world and one.ended]
+        for key in left[:-ENDED_SEATS]:
+            del self._seats[key]
         self._seats[seat.id] = (world, seat)
 
     def seat_of(self, identifier: str, token: str) -> tuple[LiveWorld, Seat]:

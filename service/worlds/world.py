@@ -282,6 +282,9 @@ class LiveWorld:
             return await asyncio.wait_for(answer, STEP_WAIT_S)
         except TimeoutError:
             raise BusyError("the tick waits for others, or the world is paused: send the same step again", 1) from None
+        finally:
+            if answer in seat.waiting:  # nobody waits for it any more
+                seat.waiting.remove(answer)
 
     def _decide(self, seat: Seat, step: WorldStep, fmt: Format) -> None:
         if step.actors is not None:

@@ -291,3 +291,11 @@ def test_an_invited_owner_joins_and_controls_nothing(client: Client, served: Ser
     assert stranger.send("GET", f"/v1/worlds/{world}/record").status_code == 404
     assert host.send("DELETE", f"/v1/worlds/{world}").status_code == 204
     assert guest.send("GET", "/v1/worlds").json()["items"] == []
+
+
+def test_who_joins_again_and_again_leaves_few_places_behind(client: Client) -> None:
+    world = client.world(scenario=scenario(1).model_dump(mode="json"), stays=True)
+    seats = [client.seat(world, "a", "front") for _ in range(30)]
+    assert client.now(seats[-1])["tick"] == 0
+    statuses = [client.send("GET", f"/v1/seats/{one['seat']}", token=one["token"]).status_code for one in seats[:-1]]
+    assert statuses == [401] * 9 + [410] * 20
