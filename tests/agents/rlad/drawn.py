@@ -72,10 +72,10 @@ class _DrawnEnv(gymnasium.Env[Any, Array]):
 class DrawnConfig(RladRunConfig):
     """Small numbers; the ring of the replay is filled more than once."""
 
-    steps: int = 80
+    steps: int = 120
     processes: int = 0
     environments: int = 2
-    evaluate_every: int = 80
+    evaluate_every: int = 120
     checkpoint_every: int = 20
     tensorboard: bool = False
     device: str = "cpu"
