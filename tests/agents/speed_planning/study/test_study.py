@@ -17,7 +17,8 @@ from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 OUTCOME = {
     "throughput_vph": 5000.0, "speed_mps": 20.0, "speed_std_mps": 10.0, "speed_std_within_mps": 9.0,
-    "fuel_circles_g_km": 70.0, "fuel_sumo_g_km": 75.0, "least_headway_s": 0.3, "least_ttc_s": 1.0, "collisions": 0, "waiting": 0,
+    "fuel_circles_g_km": 70.0, "fuel_sumo_g_km": 75.0, "least_headway_s": 0.3, "least_ttc_s": 1.0, "collisions": 0,
+    "waiting": 0,
 }  # fmt: skip
 
 
