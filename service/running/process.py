@@ -132,8 +132,8 @@ class EpisodeProcess:
 
         Args:
             order: Order to drive, of an episode or of a world.
-            limit_s: Wall-clock limit of the drive, half of which is for the agent's decisions. Beyond its half the
-                agent has failed; beyond the whole, the machine.
+            limit_s: Wall-clock limit of the simulation, s; beyond it the machine has failed. The agent's decisions may
+                take half as much beside it; beyond that the agent has failed.
         """
         assert self._gauge is not None
         self._ending = asyncio.get_running_loop().create_future()

@@ -168,9 +168,10 @@ def directions() -> Iterator[Claim]:
 
 
 def _architectures() -> Iterator[Claim]:
-    for name in ("lstm", "convlstm", "sa-convlstm", "transformer"):
+    rivals = ("lstm", "convlstm", "sa-convlstm", "transformer")
+    for name in rivals:
         yield Claim("sa-lstm-mse", "<", f"{name}-mse", "mse_1", "hard", f"SA-LSTM < {NAMES[name]}")
-    for name in ("lstm", "convlstm", "sa-convlstm", "transformer"):
+    for name in rivals:
         yield Claim("sa-lstm-mse", "=", f"{name}-mse", "mse_1", "easy", f"SA-LSTM = {NAMES[name]}")
 
 

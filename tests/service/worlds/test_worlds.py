@@ -17,6 +17,7 @@ import pytest
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.client.downloads import signature_of
+from dohyo.sumo_networks.sensors import SENSORS
 from tests.service.serving import Served, serving
 from tests.service.worlds.agents import Keeper
 from tests.service.worlds.clients import AHEAD, PATIENCE_S, SPEEDS, Client, scenario
@@ -291,6 +292,14 @@ def test_an_invited_owner_joins_and_controls_nothing(client: Client, served: Ser
     assert stranger.send("GET", f"/v1/worlds/{world}/record").status_code == 404
     assert host.send("DELETE", f"/v1/worlds/{world}").status_code == 204
     assert guest.send("GET", "/v1/worlds").json()["items"] == []
+
+
+def test_a_place_that_would_observe_too_much_is_refused(client: Client) -> None:
+    """All sensors of an ego have 1.8 MB a tick."""
+    world, all_of = client.world(), {"sensors": list(SENSORS), "track": "privileged"}
+    many = client.join(world, "a", *(f"ego-{number}" for number in range(5)), **all_of)
+    assert (many.status_code, "at most 8,000,000 bytes a tick" in many.json()["detail"]) == (422, True)
+    assert client.join(world, "a", "front", **all_of).status_code == 201
 
 
 def test_who_joins_again_and_again_leaves_few_places_behind(client: Client) -> None:

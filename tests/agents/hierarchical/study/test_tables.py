@@ -116,6 +116,8 @@ def test_a_claim_is_judged_over_all_benchmarks_and_in_each():
 
 def test_lawful_success_stands_beside_success_where_a_red_light_was_run():
     drives = [*drives_of("ghrl", {None: [1, 1, 0]}), a_drive(arm="ghrl", scenario="m3", infractions=["red_light"])]
+    assert not tables.is_lawful(a_drive(infractions=["stop_sign"]))
+    assert tables.is_lawful(a_drive(infractions=["minimum_speed"]))
     success, lawful = rows(tables.success_table(drives, ["ghrl"]))
     assert success[1].startswith("75.0 [")
     assert lawful[0] == "precrash, all, no red light or stop sign run either"
