@@ -14,6 +14,7 @@ from dohyo.sumo_networks.freeway.road import FreewayRoad
 from dohyo.sumo_networks.freeway.world import NO_LANE, FreewayWorld
 
 MINUTE_S: Final = 60.0
+MINUTES_PER_DAY: Final = 1440
 PING_S: Final = 1.0
 LAG_MINUTES: Final = 3
 """Longest time between a minute's end and its report, minutes."""
@@ -39,21 +40,48 @@ def reported_speeds(speed_mps: FloatArray, seconds: FloatArray, rng: np.random.G
         rng: Generator of noise and outages.
     """
     minutes, segments = speed_mps.shape
-    noisy = np.maximum(speed_mps + rng.normal(0.0, NOISE_MPS, speed_mps.shape), 0.0)
-    days = minutes / 1440
-    gaps = seconds < LEAST_SECONDS
+    measured = _measured(speed_mps, seconds, rng)
+    days = minutes / MINUTES_PER_DAY
+    gaps = np.zeros(measured.shape, dtype=np.bool_)
     for segment in range(segments):
         gaps[:, segment] |= _outages(minutes, OUTAGES_PER_DAY * days, rng)
     gaps |= _outages(minutes, FEED_OUTAGES_PER_DAY * days, rng)[:, None]
-    return np.where(gaps, np.nan, noisy)
+    return np.where(gaps, np.nan, measured)
+
+
+def _measured(speed_mps: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Speeds with noise, NaN with too few probes; arrays of any shape."""
+    noisy = np.maximum(speed_mps + rng.normal(0.0, NOISE_MPS, speed_mps.shape), 0.0)
+    return np.where(seconds < LEAST_SECONDS, np.nan, noisy)
 
 
 def _outages(minutes: int, expected: float, rng: np.random.Generator) -> BoolArray:
     out = np.zeros(minutes, dtype=np.bool_)
     for _ in range(rng.poisson(expected)):
         start = int(rng.integers(minutes))
-        out[start : start + max(1, round(rng.exponential(OUTAGE_MINUTES)))] = True
+        out[start : start + _outage_minutes(rng)] = True
     return out
+
+
+def _outage_minutes(rng: np.random.Generator) -> int:
+    return max(1, round(rng.exponential(OUTAGE_MINUTES)))
+
+
+class _LiveOutages:
+    """Outages as they begin and last, minute by minute, of each segment and of all at once."""
+
+    def __init__(self, segments: int, rng: np.random.Generator) -> None:
+        self._left = np.zeros(segments, dtype=np.int64)  # minutes
+        self._rng = rng
+
+    def next_minute(self) -> BoolArray:
+        """(S,) which segments are silent."""
+        self._left = np.maximum(self._left - 1, 0)
+        for segment in np.flatnonzero(self._rng.random(len(self._left)) < OUTAGES_PER_DAY / MINUTES_PER_DAY):
+            self._left[segment] = max(self._left[segment], _outage_minutes(self._rng))
+        if self._rng.random() < FEED_OUTAGES_PER_DAY / MINUTES_PER_DAY:
+            self._left = np.maximum(self._left, _outage_minutes(self._rng))
+        return self._left > 0
 
 
 class SegmentFeed:
@@ -68,6 +96,7 @@ class SegmentFeed:
         self.road = road
         self.lag_minutes = lag_minutes
         self._rng = np.random.default_rng(seed)
+        self._outages = _LiveOutages(road.segments, self._rng)
         self._metres, self._seconds = np.zeros((2, road.segments))
         self._minute: int | None = None
         self._before_s = math.nan
@@ -97,7 +126,9 @@ class SegmentFeed:
     def _close_minute(self, minute: int) -> None:
         some = self._seconds > 0
         mean = np.divide(self._metres, self._seconds, out=np.full(self.road.segments, np.nan), where=some)
-        self._rows.append((minute, reported_speeds(mean[None], self._seconds[None], self._rng)[0]))
+        row = _measured(mean, self._seconds, self._rng)
+        row[self._outages.next_minute()] = np.nan
+        self._rows.append((minute, row))
         self._metres[:] = self._seconds[:] = 0.0
 
 

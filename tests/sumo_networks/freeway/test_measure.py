@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.freeway.measure import (
     NOISE_MPS,
     PingLog,
@@ -98,6 +99,30 @@ def test_the_same_generator_gives_the_same_report(seed: int) -> None:
     once, twice = (reported_speeds(true, true, np.random.default_rng(seed)) for _ in range(2))
     assert np.array_equal(once, twice, equal_nan=True)
     assert np.nanmin(once, initial=0.0) >= 0.0
+
+
+def silences(reported: FloatArray) -> list[int]:
+    """Lengths of all gaps of all segments, minutes."""
+    lengths = []
+    for column in np.isnan(reported).T:
+        edges = np.flatnonzero(np.diff(np.r_[False, column, False]))
+        lengths += (edges[1::2] - edges[::2]).tolist()
+    return lengths
+
+
+def test_outages_of_a_live_feed_are_as_many_and_as_long_as_those_of_recorded_days() -> None:
+    days = 10
+    feed = SegmentFeed(ROAD, seed=0, lag_minutes=0)
+    middles = ((ROAD.bounds_m[1:] + ROAD.bounds_m[:-1]) / 2).tolist()
+    for half in range(days * 2880 + 1):
+        feed.observe(world_of(30.0 * half, middles, [25.0] * len(middles)))
+    _, live = feed.reported(math.inf)
+    true = np.full_like(live, 25.0)
+    recorded = reported_speeds(true, np.full_like(true, 100.0), np.random.default_rng(0))
+    assert len(live) == days * 1440
+    assert len(silences(live)) == pytest.approx(days * 21 * 0.75, rel=0.2)
+    assert np.mean(silences(live)) == pytest.approx(np.mean(silences(recorded)), rel=0.25)
+    assert 9 < np.mean(silences(live)) < 15
 
 
 # Pings
