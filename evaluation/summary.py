@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from dohyo.evaluation.records.record import AgentInfo, EgoRecord, EpisodeRecord
@@ -75,11 +76,23 @@ class Summary:
     km: float
 
 
-def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> Summary:
+def summarise(
+    records: Iterable[EpisodeRecord],
+    *,
+    rules: Rules = "2.0",
+    irs_length: IrsLength = "driven",
+    unrecorded: int = 0,
+) -> Summary:
     """Scores every drive of every record; returns the means with their intervals.
 
     A lost episode is lost for all of its egos, also for egos that had finished. The result does not depend on the order
     of the records.
+
+    Args:
+        records: Of one agent on one benchmark.
+        rules: Version of the leaderboard's rules.
+        irs_length: Length by which the infraction rate score divides.
+        unrecorded: Number of drives that were lost without a record.
 
     Raises:
         InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.
@@ -91,7 +104,7 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
     drives = [ego for record in counted for ego in record.egos]
     scored = [score_drive(ego, rules=rules, irs_length=irs_length) for ego in drives]
     statuses = Counter(ego.status for ego in drives)
-    lost_drives = sum(len(record.egos) for record in records if record.lost)
+    lost_drives = unrecorded + sum(len(record.egos) for record in records if record.lost)
     return Summary(
         agent=agent.name,
         benchmark=benchmark[0] if benchmark else None,
@@ -109,13 +122,23 @@ def summarise(records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_len
 
 
 def summarise_cells(
-    records: Iterable[EpisodeRecord], *, rules: Rules = "2.0", irs_length: IrsLength = "driven"
+    records: Iterable[EpisodeRecord],
+    *,
+    rules: Rules = "2.0",
+    irs_length: IrsLength = "driven",
+    unrecorded: Mapping[str, int] = MappingProxyType({}),
 ) -> dict[str, Summary]:
-    """One summary per cell of the benchmark, in the order of their first records; see `summarise`."""
+    """One summary per cell of the benchmark, in the order of their first records; see `summarise`.
+
+    A cell without any record has none; its `unrecorded` drives are in the summary of all.
+    """
     cells: dict[str, list[EpisodeRecord]] = {}
     for record in records:
         cells.setdefault(record.scenario.cell, []).append(record)
-    return {cell: summarise(some, rules=rules, irs_length=irs_length) for cell, some in cells.items()}
+    return {
+        cell: summarise(some, rules=rules, irs_length=irs_length, unrecorded=unrecorded.get(cell, 0))
+        for cell, some in cells.items()
+    }
 
 
 def compare(

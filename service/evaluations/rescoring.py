@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
 from dohyo.evaluation.records.record import EpisodeRecord
@@ -15,7 +16,12 @@ LAMBDA: Final = 4.0
 
 
 def rescore(
-    records: Sequence[EpisodeRecord], *, rules: Rules, irs_lambda: float = LAMBDA, irs_length: IrsLength = "driven"
+    records: Sequence[EpisodeRecord],
+    *,
+    rules: Rules,
+    irs_lambda: float = LAMBDA,
+    irs_length: IrsLength = "driven",
+    unrecorded: Mapping[str, int] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Computes every score from the records, as `dohyo score --json` does; plain JSON.
 
@@ -24,6 +30,7 @@ def rescore(
         rules: Rules of the driving score.
         irs_lambda: Decay of the infraction rate score, km per infraction.
         irs_length: Distance that its kilometres count: driven or route.
+        unrecorded: Number of drives that were lost without a record, by cell.
 
     Returns:
         The summary of all drives, with `irs_lambda`, `cells` (a summary each) and `drives`.
@@ -31,8 +38,9 @@ def rescore(
     Raises:
         InvalidInputError: There are no records, they do not belong together, or lambda is out of range.
     """
-    summary = summarise(records, rules=rules, irs_length=irs_length)
-    cells = summarise_cells(records, rules=rules, irs_length=irs_length)
+    everywhere = sum(unrecorded.values())
+    summary = summarise(records, rules=rules, irs_length=irs_length, unrecorded=everywhere)
+    cells = summarise_cells(records, rules=rules, irs_length=irs_length, unrecorded=unrecorded)
     by_cell = {cell: [record for record in records if record.scenario.cell == cell] for cell in cells}
     return {
         **as_document(_with_lambda(summary, records, irs_lambda)),

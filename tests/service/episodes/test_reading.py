@@ -397,3 +397,7 @@ def test_lost_episodes_count_as_zero_in_the_metrics_with_all_their_egos(shop: Sh
     assert (whole["all"]["lost"], whole["cells"]["ingolstadt"]["lost"]) == (8, 8)
     assert whole["all"]["scores"]["driving_score"]["mean"] == pytest.approx(55.0)
     assert whole["all"]["scores_lost_as_zero"]["driving_score"]["mean"] == pytest.approx(110.0 / 10)
+    again = shop.client.post("/v1/rescore", json={"evaluation": evaluation}).json()
+    assert again["lost"] == 8
+    assert again["scores_lost_as_zero"]["driving_score"]["mean"] == pytest.approx(110.0 / 10)
+    assert again["scores_lost_as_zero"]["irs"]["n"] == 10
