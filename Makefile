@@ -23,10 +23,10 @@ demo: $(INSTALLED)  ## Evaluate two agents on a real city junction and write rep
 	@$(BIN)/dohyo evaluate --agent reckless --benchmark quickstart --out $(RESULTS)/reckless
 	@$(BIN)/dohyo report $(RESULTS)/autopilot $(RESULTS)/reckless --out $(REPORT)
 
-# Four processes keep two cores busy, since tests of the service wait at times; torch has one thread in each. The tests
-# of a file stay in one process, which starts what they share once.
-test: $(INSTALLED)  ## Run the whole test suite in four processes
-	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder
+# Six processes keep two cores busy, since tests of the service wait at times; torch has one thread in each. They are
+# copies of one that has collected the tests; those of a file stay in one process, which starts what they share once.
+test: $(INSTALLED)  ## Run the whole test suite in six processes
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q --processes 6
 
 lint: $(INSTALLED)  ## Check style, types, the four floors and the Dockerfile
 	@$(BIN)/ruff check --quiet .

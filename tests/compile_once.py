@@ -1,6 +1,6 @@
 """Processes that test beside each other compile each kernel once: the others wait, and load it from numba's cache.
 
-In a fresh clone nothing is compiled, and four processes that begin together need the same kernels.
+In a fresh clone nothing is compiled, and six processes that begin together need the same kernels.
 """
 
 from __future__ import annotations

@@ -14,6 +14,8 @@ from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from dohyo.sumo_networks.world import World
 from tests import compile_once
+from tests.side_by_side import pytest_addoption as pytest_addoption
+from tests.side_by_side import pytest_runtestloop as pytest_runtestloop
 from tests.skips import pytest_runtest_makereport as pytest_runtest_makereport
 
 # The same examples in every run; the first call of a kernel may compile it for seconds.
