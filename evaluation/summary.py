@@ -20,6 +20,7 @@ from dohyo.evaluation.scores.driving import (
     driving_score,
     infraction_penalty,
     infraction_rate_score,
+    kept_to_the_lanes,
     outside_fraction,
     route_completion,
 )
@@ -181,7 +182,7 @@ def common_drives(records_a: Iterable[EpisodeRecord], records_b: Iterable[Episod
 def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> dict[str, float]:
     """Every score of one drive, by its name in `SCORES`."""
     return {
-        "success": 100.0 * ego.status.completed,
+        "success": 100.0 * (ego.status.completed and kept_to_the_lanes(ego)),
         "nocrash_success": 100.0 * nocrash.success(ego),
         "road_completed": nocrash.road_completed(ego),
         "drove_2500m": 100.0 * nocrash.drove(ego),

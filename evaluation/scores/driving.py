@@ -17,6 +17,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 Rules = Literal["1.0", "2.0", "2.1"]
 IrsLength = Literal["driven", "route"]
 
+MOST_OUTSIDE: Final = 0.25
+"""Largest share of a drive outside the lanes that is a success: a detour round an obstacle on a short route is less."""
 MIN_KM: Final = 0.001
 """Smallest distance that a score divides by, km."""
 
@@ -46,6 +48,17 @@ def outside_fraction(ego: EgoRecord) -> float:
     """
     outside_m, driven_m = _finite(ego.outside_lanes_m, "outside_lanes_m"), _finite(ego.driven_m, "driven_m")
     return min(1.0, outside_m / driven_m) if driven_m > 0.0 else 0.0
+
+
+def kept_to_the_lanes(ego: EgoRecord) -> bool:
+    """Whether at most `MOST_OUTSIDE` of the distance was driven outside the lanes; no success counts otherwise.
+
+    Nothing solid stands beside the roads here: an ego on the verge would meet neither traffic nor lights.
+
+    Raises:
+        InvalidInputError: If either distance is not finite.
+    """
+    return outside_fraction(ego) <= MOST_OUTSIDE
 
 
 def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_fraction: float) -> float:

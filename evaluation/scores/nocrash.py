@@ -1,21 +1,21 @@
 """NoCrash: any collision infraction fails the drive, even if the ego did not cause it.
 
-Contacts of a standing ego are no infractions, so they do not fail it.
+Contacts of a standing ego are no infractions, so they do not fail it. A drive beside the road does.
 """
 
 from __future__ import annotations
 
 from dohyo.evaluation.records.record import EgoRecord, Infraction
 from dohyo.evaluation.records.specifications import COLLISIONS
-from dohyo.evaluation.scores.driving import route_completion
+from dohyo.evaluation.scores.driving import kept_to_the_lanes, route_completion
 
 
 def success(ego: EgoRecord) -> bool:
-    """Whether the goal was reached without any collision; red lights do not fail it.
+    """Whether the goal was reached without any collision and mostly in the lanes; red lights do not fail it.
 
-    Source: Codevilla et al. 2019, NoCrash.
+    Source: Codevilla et al. 2019, NoCrash, where walls stand beside the roads; see `kept_to_the_lanes`.
     """
-    return ego.status.completed and first_collision(ego) is None
+    return ego.status.completed and first_collision(ego) is None and kept_to_the_lanes(ego)
 
 
 def road_completed(ego: EgoRecord) -> float:
@@ -32,12 +32,12 @@ def road_completed(ego: EgoRecord) -> float:
 
 
 def drove(ego: EgoRecord, metres: float = 2500.0) -> bool:
-    """Whether the ego drove a given distance along its route before the first collision.
+    """Whether the ego drove a given distance along its route before the first collision, and mostly in the lanes.
 
     Routes must have at least this length. Source: Albilani 2023, where 2500 m on routes between random points count as
     success; this is the third number that is called NoCrash.
     """
-    return road_completed(ego) / 100.0 * ego.route_length_m >= metres
+    return road_completed(ego) / 100.0 * ego.route_length_m >= metres and kept_to_the_lanes(ego)
 
 
 def first_collision(ego: EgoRecord) -> Infraction | None:

@@ -216,7 +216,10 @@ def sign_out(request: Request) -> Response:
 
 def _local(target: str) -> str:
     """The requested path on this service; never an address of another site."""
-    parts = urlsplit(target)
+    try:
+        parts = urlsplit(target)
+    except ValueError:  # such as "//["
+        return "/"
     local = not parts.scheme and not parts.netloc and target.startswith("/") and target[1:2] not in ("/", "\\")
     return target if local and target.isprintable() else "/"
 

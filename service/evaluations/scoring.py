@@ -312,7 +312,7 @@ def _ego(ego: EgoRecord, rules: Rules) -> dict[str, Any]:
     return {
         "name": ego.name,
         "status": ego.status.value,
-        "success": ego.status.completed,
+        "success": scores["success"] > 0.0,
         "nocrash": scores["nocrash_success"] > 0.0,
         "ds": scores["driving_score"],
         "rc": scores["route_completion"],

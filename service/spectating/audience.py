@@ -97,7 +97,8 @@ class Audience:
         try:
             yield b"retry: %d\n\n" % RETRY_MS
             while fresh in self._waiting:
-                events = b"".join(event for number, event in self._latest.values() if number > seen)
+                latest = sorted(self._latest.values())  # what was kept for nobody may be older than what came since
+                events = b"".join(event for number, event in latest if number > seen)
                 seen, over = self._number, self._ended
                 fresh.clear()
                 yield events or b": still here\n\n"

@@ -147,6 +147,7 @@ class Poca(Ppo):
         seen = self._teams(self._features(after["observation"]))
         value_next = self._value(seen.flatten(0, 1), alive.flatten(0, 1)).reshape(value.shape)
         done, terminated = ~(active & ~ended).any(dim=-1, keepdim=True), ~alive.any(dim=-1, keepdim=True)
+        done[:, :-1] |= ~active[:, 1:].any(dim=-1, keepdim=True)  # as in `Ppo`, before a step that was lost
         config = self._config
         _, target = generalized_advantage_estimate(
             config.gamma, config.gae_lambda, value, value_next, reward, done, terminated, time_dim=1

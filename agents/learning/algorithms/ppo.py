@@ -221,13 +221,15 @@ class Ppo:
         distribution = distribution_at(self.actor, features)
         batch["action_log_prob"] = distribution.log_prob(batch["action"])
         batch["state_value"] = self._value(features)
+        done = after["done"].clone()
+        done[:, :-1] |= ~batch["active"][:, 1:, None]  # a lost step tells nothing: the critic judges what came after
         batch["advantage"], batch["value_target"] = generalized_advantage_estimate(
             config.gamma,
             config.gae_lambda,
             batch["state_value"],
             self._value(self._features(after["observation"])),
             after["reward"],
-            after["done"],
+            done,
             after["terminated"],
             time_dim=1,
         )

@@ -237,15 +237,19 @@ class WarmStart:
         steps = TensorDict.stack([self._collector.step(driver) for _ in range(length)], dim=1)
         self._collector.finished()
         rewards = steps["next", "reward"][..., 0].double() * self._scale
-        return self.labels.add(steps, returns=self._returns(rewards, steps["next", "done"][..., 0]).float())
+        return self.labels.add(steps, returns=self._returns(rewards, steps["next"]).float())
 
     @torch.no_grad()
-    def _returns(self, rewards: Tensor, ended: Tensor) -> Tensor:
-        """(N, T) discounted future rewards; the critic gives the value after the last step."""
+    def _returns(self, rewards: Tensor, after: TensorDictBase) -> Tensor:
+        """(N, T) discounted future rewards; the critic gives the value after the last step and after a time limit."""
+        ended, terminated = after["done"][..., 0], after["terminated"][..., 0]
+        beyond, cut = torch.zeros_like(rewards), ended & ~terminated
+        if cut.any():
+            beyond[cut] = self._critic(self._features(after["observation"][cut]))[:, 0].cpu().double()
         value = self._critic(self._features(self._collector.seen))[:, 0].cpu().double()
         returns = torch.zeros_like(rewards)
         for step in reversed(range(rewards.shape[1])):
-            value = rewards[:, step] + self._gamma * torch.where(ended[:, step], 0.0, value)
+            value = rewards[:, step] + self._gamma * torch.where(ended[:, step], beyond[:, step], value)
             returns[:, step] = value
         return returns
 

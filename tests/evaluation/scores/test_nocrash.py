@@ -4,6 +4,7 @@ import pytest
 
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.scores.nocrash import drove, road_completed, success
+from dohyo.evaluation.summary import score_drive
 from tests.evaluation.builders import ego, infraction
 
 COLLISIONS = (
@@ -54,3 +55,12 @@ def test_2500_metres_are_counted_up_to_the_first_collision(hit_at: float | None,
 def test_success_road_completed_and_2500_metres_are_three_numbers() -> None:
     one = ego(infraction(InfractionKind.COLLISION_VEHICLE, route_m=2700.0), route_length_m=3000.0, progress_m=2900.0)
     assert (success(one), road_completed(one), drove(one)) == (False, pytest.approx(90.0), True)
+
+
+@pytest.mark.parametrize(("outside_m", "counts"), [(0.0, True), (200.0, True), (201.0, False), (800.0, False)])
+def test_who_drives_beside_the_road_has_no_success(outside_m: float, counts: bool) -> None:
+    one = ego(status=Status.COMPLETED, driven_m=800.0, outside_lanes_m=outside_m)
+    assert success(one) is counts
+    assert (score_drive(one)["success"], score_drive(one)["nocrash_success"]) == (100.0 * counts, 100.0 * counts)
+    far = ego(route_length_m=3000.0, progress_m=2600.0, driven_m=800.0, outside_lanes_m=outside_m)
+    assert drove(far) is counts

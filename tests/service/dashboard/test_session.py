@@ -44,6 +44,12 @@ def test_the_cookie_reads_and_an_authorization_comes_first(client: httpx.Client)
     assert client.get("/v1/echo", headers={"authorization": "Bearer another"}).json() == "Bearer another"
 
 
+@pytest.mark.parametrize("other", ['{"a":1}', "two words", "caf\u00e9"])
+def test_a_cookie_of_another_program_on_this_host_signs_nobody_out(client: httpx.Client, other: str) -> None:
+    header = f"theirs={other}; dohyo_token={fakes.TOKEN}; more=x".encode()
+    assert client.get("/v1/echo", headers=[(b"cookie", header)]).json() == f"Bearer {fakes.TOKEN}"
+
+
 @pytest.mark.parametrize("path", ["/worlds", "/worlds/wo-1", "/account", "/submit?challenge=autumn"])
 def test_a_private_page_leads_a_visitor_without_a_token_to_sign_in_and_back(client: httpx.Client, path: str) -> None:
     led = client.get(path, headers=HTML)
@@ -111,7 +117,7 @@ def test_what_is_no_token_is_refused_with_the_reason(client: httpx.Client, token
 
 
 @pytest.mark.parametrize(
-    "target", ["https://evil.example", "//evil.example", "/\\evil.example", "javascript:1", "/\r\nx"]
+    "target", ["https://evil.example", "//evil.example", "/\\evil.example", "javascript:1", "/\r\nx", "//["]
 )
 def test_signing_in_leads_nowhere_else(client: httpx.Client, target: str) -> None:
     answer = client.post("/login", data={"token": fakes.TOKEN, "next": target})

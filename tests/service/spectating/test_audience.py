@@ -57,6 +57,24 @@ def test_the_process_is_asked_for_scenes_only_while_somebody_watches() -> None:
     asyncio.run(watch())
 
 
+def test_a_scene_that_came_when_nobody_was_left_is_told_behind_the_stage() -> None:
+    audience = Audience(lambda watched: None, most=2)
+
+    async def watch() -> None:
+        one = audience.events()
+        await anext(one)
+        await one.aclose()
+        audience.tell("scene", b"1")  # it was on its way
+        again = audience.events()
+        await anext(again)
+        audience.tell("stage", b"2")
+        audience.tell("scene", b"3")
+        assert await anext(again) == b"event: stage\ndata: 2\n\nevent: scene\ndata: 3\n\n"
+        await again.aclose()
+
+    asyncio.run(watch())
+
+
 def test_a_spectator_whose_token_is_no_longer_valid_sees_no_more() -> None:
     watched: list[bool] = []
     audience = Audience(watched.append, most=2)

@@ -243,3 +243,16 @@ def test_a_task_without_an_expert_cannot_be_guided(asked):
 def test_squashed_actions_need_bounds_of_one():
     with pytest.raises(InvalidInputError, match=r"expected actions in \[-1, 1\] for a squashed policy"):
         learner(Point(), squashed=True)
+
+
+def test_what_is_known_of_a_lost_simulation_is_the_step_before_it():
+    ppo = learner(Point(fragile="crash"))
+    batch = ppo.collect()
+    lost = ~batch["active"]
+    assert lost.any()
+    before = torch.zeros_like(lost)
+    before[:, :-1] = lost[:, 1:]
+    some = batch[before & ~lost]
+    value = ppo._value(ppo._features(some["next", "observation"]))
+    expected = some["next", "reward"] + ppo._config.gamma * value
+    torch.testing.assert_close(some["value_target"], expected)

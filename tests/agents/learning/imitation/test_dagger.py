@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
+from torch import Tensor, nn
 
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.imitation.behaviour_cloning import Labels
-from dohyo.agents.learning.imitation.dagger import Dagger
+from dohyo.agents.learning.imitation.dagger import Dagger, WarmStart
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.algorithms.test_ppo import learner, trained
 from tests.agents.learning.killed import killed_and_resumed
-from tests.agents.learning.problems import BEST_RETURN, STEP, Point
+from tests.agents.learning.problems import BEST_RETURN, LENGTH, STEP, Point
 from tests.agents.learning.toys import POINT, SMALL, PointConfig, PointDaggerConfig
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy
@@ -100,3 +101,24 @@ def test_a_run_may_begin_with_imitation(tmp_path: Path):
     first, *_ = trained(POINT, PointConfig(steps=1200, evaluate_every=5000, ppo=settings), tmp_path / "run")
     assert int(first["steps"]) == 960
     assert float(first["success"]) == 100.0
+
+
+class _Seven(nn.Module):
+    """A critic that says 7 of everything."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said = nn.Parameter(torch.tensor(7.0))
+
+    def forward(self, features: Tensor) -> Tensor:
+        return self.said.expand(len(features), 1)
+
+
+def test_a_start_counts_what_would_have_come_after_a_time_limit():
+    ppo, task = learner(Point()), Point()
+    collector = Collector(task.make_environments(2, processes=False), task, 0)
+    start = WarmStart(ppo.actor, _Seven(), lambda seen: torch.cat(list(seen.values()), -1), collector, 0.5, 1.0)
+    start._collect(2 * LENGTH, follow=True)
+    last = start.labels.rows["observation", "observation"][:, 1] > 1.0 - 1.5 / LENGTH
+    assert last.sum() == 4
+    assert (start.labels.rows["returns"][last] > 0.5 * 7.0 - 0.5).all()  # the point rests near 0 by then
