@@ -7,7 +7,11 @@ import sys
 from urllib.parse import urlsplit
 
 url, token, agent = sys.argv[1:4]
-connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=150)
+address = urlsplit(url)
+kinds = {"http": http.client.HTTPConnection, "https": http.client.HTTPSConnection}
+if address.scheme not in kinds or not address.netloc:
+    sys.exit(f"expected the service's address, such as http://127.0.0.1:8000, got '{url}'")
+connection = kinds[address.scheme](address.netloc, timeout=150)
 
 
 def post(path, body, bearer):

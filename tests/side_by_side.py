@@ -94,7 +94,7 @@ class _Side:
                     raise self._session.Interrupted(self._session.shouldstop)
         finally:
             for process in self._running.values():
-                os.kill(process.pid, signal.SIGINT)
+                os.kill(process.pid, signal.SIGTERM)
             for process in self._running.values():
                 os.waitpid(process.pid, 0)
 
@@ -159,6 +159,7 @@ class _Copy:
         """
         status = 1
         try:
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGINT is ignored behind a shell's "&"
             for end in others:
                 end.close()
             capture = self._session.config.pluginmanager.getplugin("capturemanager")

@@ -12,6 +12,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+RUN = """
+import signal, sys
+import pytest
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored behind a shell's "&"
+sys.exit(pytest.main(sys.argv[1:]))
+"""
 LIVELY = """
 import os, warnings
 import pytest
@@ -86,7 +93,7 @@ def test_long(held):
 def started(folder: Path, *options: str, **files: str) -> subprocess.Popen[str]:
     for name, content in files.items():
         (folder / f"test_{name}.py").write_text(content)
-    command = [sys.executable, "-m", "pytest", "-q", "-rA", "-p", "tests.side_by_side", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-c", RUN, "-q", "-rA", "-p", "tests.side_by_side", "-p", "no:cacheprovider"]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     return subprocess.Popen([*command, *options], cwd=folder, env=environment, **pipes)  # type: ignore[call-overload, no-any-return]

@@ -45,6 +45,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 TIMEOUT_S = 60.0
+PATIENCE_S = 120.0  # as a worker has: a restart of the service with all that it loads
 T = TypeVar("T")
 POLL_S = 1.0
 
@@ -53,7 +54,7 @@ class Client:
     """Every method raises ServiceError where the service refuses or cannot be reached."""
 
     def __init__(
-        self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S, patience_s: float = 60.0
+        self, url: str, token: str | None = None, *, timeout_s: float = TIMEOUT_S, patience_s: float = PATIENCE_S
     ) -> None:
         """Connects at the first call.
 
@@ -61,7 +62,8 @@ class Client:
             url: Such as "http://127.0.0.1:8000".
             token: None: read only what is public.
             timeout_s: For one answer.
-            patience_s: Longest Retry-After of a busy service that a call waits for, once.
+            patience_s: Longest Retry-After of a busy service that a call waits for, once; and the time for which
+                `wait` and `follow` ask again while the service cannot answer, such as during a restart.
         """
         self._url, self._token, self._patience_s = url, token, patience_s
         self._http = httpx.Client(base_url=url, headers=headers_of(token), timeout=timeout_s)
@@ -376,12 +378,24 @@ class Client:
                     pause_s = parser.retry_s
                 except ServiceError as error:
                     pause_s = parser.retry_s if error.retry_s is None else error.retry_s
-            state = self.get(path)
+            state = self._state(path, ends)
             yield state
             left_s = ends - time.monotonic()
             if state["status"] in ENDED or left_s <= 0.0:
                 return
             time.sleep(min(pause_s, left_s))
+
+    def _state(self, path: str, ends: float) -> Document:
+        """State of an evaluation or a job; asks again while the service cannot answer, until patience or time ends."""
+        until = min(ends, time.monotonic() + self._patience_s)
+        while True:
+            try:
+                return self.get(path)
+            except ServiceError as error:
+                pause_s = POLL_S if error.retry_s is None else error.retry_s
+                if not error.passes or time.monotonic() + pause_s > until:
+                    raise
+            time.sleep(pause_s)
 
     def _events(self, path: str, parser: EventParser, ends: float) -> Generator[Event, None, None]:
         """Events of a stream until it closes, is silent for too long, or a time limit is near."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import httpx
 
+from dohyo.service.client.worker_session import PASSING
 from dohyo.sumo_networks.errors import DohyoError
 
 
@@ -21,6 +22,11 @@ class ServiceError(DohyoError):
     def __init__(self, status: int, detail: str, retry_s: float | None = None) -> None:
         super().__init__(f"{detail} (HTTP {status})" if status else detail)
         self.status, self.detail, self.retry_s = status, detail, retry_s
+
+    @property
+    def passes(self) -> bool:
+        """Whether the same question may be answered later, such as once the service has restarted."""
+        return self.status in (0, *PASSING)
 
     @classmethod
     def unreachable(cls, url: str, error: httpx.HTTPError) -> ServiceError:

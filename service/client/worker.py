@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from types import FrameType
@@ -35,20 +35,23 @@ from dohyo.service.client.worker_session import (
     UnreachableError,
     WireError,
     WorkerSession,
+    passes,
 )
 from dohyo.service.forecasting.interface import forecast_shape
 from dohyo.service.forecasting.worker_agent import Predictor
 from dohyo.service.parking.interface import check_action as check_parking
 from dohyo.sumo_networks.ego.control import InvalidActionError, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import AgentError, DohyoError, InvalidInputError
 from dohyo.sumo_networks.units import TICK_S
 
 GRACE_S = 1.0  # the service's own deadline comes first
 REFUSED = 2  # exit code for bad input
 HANG_S = 10.0  # past a lost lease, before a process whose agent never returns ends itself
+GIVE_BACK_S = 10.0  # the time in which a process that is told to stop insists on giving its episode back
+END_S = 30.0  # from the stop signal until a process that has not ended is killed
 INVALID_ACTION = "invalid_action"
-PASSING = (409, 429, 503)
+FULL = 409  # the service has not noticed yet that this worker holds no episode any more
 
 logger = logging.getLogger("dohyo.worker")
 
@@ -130,8 +133,9 @@ def work(session: WorkerSession, driver: Driver, episodes: int | None = None) ->
                 drive = session.acquire()
                 pauses.reset()
             except (UnreachableError, WireError) as error:
-                passing = isinstance(error, UnreachableError | UnknownWorkerError) or error.status in PASSING
-                if not passing:
+                registers_again = isinstance(error, UnknownWorkerError)
+                full = isinstance(error, WireError) and error.status == FULL
+                if not (passes(error) or registers_again or full):
                     raise
                 logger.warning("%s", error)
                 time.sleep(pauses.next(error))
@@ -150,7 +154,7 @@ def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
     logger.info("episode on lease %s, attempt %d", drive.lease, drive.attempt)
     try:
         agents = driver.agents(drive)
-    except InvalidInputError as error:
+    except (InvalidInputError, _Stop) as error:
         _give_back(session, drive, str(error))
         raise
     try:
@@ -160,8 +164,8 @@ def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
         logger.warning("%s", error)
     except (UnreachableError, WireError) as error:
         logger.warning("episode given up: %s", error)
-    except _Stop:
-        _give_back(session, drive, "the worker was told to stop")
+    except _Stop as stop:
+        _give_back(session, drive, str(stop))
         raise
     finally:
         for agent in agents.values():
@@ -198,9 +202,7 @@ def _check_of(control: str) -> Callable[[np.ndarray], object]:
 
 
 def _report(session: WorkerSession, drive: Drive, error: Exception) -> None:
-    """Reports the agent's failure to the service."""
-    if isinstance(error, AgentTimeoutError):
-        session.heartbeat(drive)  # past the deadline the lease has ended already, since the agent was too slow
+    """Reports the agent's failure to the service, which knows itself of a decision that came too late."""
     if isinstance(error, InvalidActionError):
         session.release(drive, INVALID_ACTION, str(error))
     else:
@@ -209,7 +211,7 @@ def _report(session: WorkerSession, drive: Drive, error: Exception) -> None:
 
 def _give_back(session: WorkerSession, drive: Drive, reason: str) -> None:
     with suppress(DohyoError):
-        session.release(drive, reason)
+        session.release(drive, reason, patience_s=GIVE_BACK_S)
 
 
 @contextmanager
@@ -250,7 +252,7 @@ def _stopping() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         for one in (signal.SIGINT, signal.SIGTERM):
             signal.signal(one, signal.SIG_IGN)  # an episode is released only once
-        raise _Stop
+        raise _Stop("the worker was told to stop")
 
     before = {one: signal.signal(one, stop) for one in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -260,30 +262,49 @@ def _stopping() -> Iterator[None]:
             signal.signal(one, handler)
 
 
-def keep_working(command: Sequence[str], count: int, environment: Mapping[str, str]) -> None:
+def shares(episodes: int | None, processes: int) -> list[int | None]:
+    """Number of episodes of each process, only of those that drive any; None: no end."""
+    if episodes is None:
+        return [None] * processes
+    each, more = divmod(episodes, processes)
+    return [each + (rank < more) for rank in range(min(processes, episodes))]
+
+
+def keep_working(commands: Sequence[Sequence[str]], environment: Mapping[str, str]) -> None:
     """Runs worker processes in parallel, restarts those that die, and ends them at a stop signal.
 
     Args:
-        command: Arguments of the Python command.
-        count: Number of processes.
+        commands: Arguments of the Python command, of each process.
         environment: Variables added to the environment of each process.
     """
-    crew: list[subprocess.Popen[bytes]] = []
+    crew: dict[subprocess.Popen[bytes], Sequence[str]] = {}
     pauses = Pauses()
     try:
         with suppress(_Stop), _stopping():
-            crew += [_start(command, environment) for _ in range(count)]
+            for command in commands:
+                crew[_start(command, environment)] = command
             while crew:
                 time.sleep(0.5)
                 for process in [one for one in crew if one.poll() is not None]:
-                    crew.remove(process)
+                    command = crew.pop(process)
                     if process.returncode not in (0, REFUSED):
                         time.sleep(pauses.next())
-                        crew.append(_start(command, environment))
+                        crew[_start(command, environment)] = command
     finally:
-        for process in crew:
-            process.terminate()
-        for process in crew:
+        _end(crew)
+
+
+def _end(crew: Collection[subprocess.Popen[bytes]]) -> None:
+    """Ends processes; kills those that do not end, such as in an agent that never returns to the interpreter."""
+    for process in crew:
+        process.terminate()
+    patience = time.monotonic() + END_S
+    for process in crew:
+        try:
+            process.wait(max(patience - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            logger.warning("process %d has not ended in %g s and is killed", process.pid, END_S)
+            process.kill()
             process.wait()
 
 

@@ -37,6 +37,8 @@ REPLY_S = 150.0  # a tick of a large network may be slow
 IDLE_S = 30.0  # well below the time after which the service closes a connection that nobody uses
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 LONGEST_TEXT = 500
+PASSING = (429, 500, 502, 503, 504)
+"""Refusals that end by themselves; a proxy answers with 502 or 504 while the service behind it restarts."""
 UNTOLD = {"start": {"lane": "untold"}, "goal": {"lane": "untold"}}
 
 
@@ -67,6 +69,11 @@ class UnknownWorkerError(WireError):
 
 class UnreachableError(DohyoError):
     """No service answers at the address."""
+
+
+def passes(error: UnreachableError | WireError) -> bool:
+    """Whether the same request may be answered later."""
+    return isinstance(error, UnreachableError) or error.status in PASSING
 
 
 _ERRORS = {401: UnknownWorkerError, 410: LeaseLostError, 422: BadActionError}
@@ -254,7 +261,7 @@ class WorkerSession:
             agent: Name of the agent.
             version: Version of the agent; None: any.
             capacity: Most episodes at once.
-            patience_s: Time during which a step is repeated while the service cannot be reached.
+            patience_s: Time during which a step or a release is repeated while the service cannot answer.
         """
         self._connection, self._pulse = Connection(url), Connection(url, timeout_s=10.0)
         self._api_token, self._agent, self._version, self._capacity = token, agent, version, capacity
@@ -302,6 +309,7 @@ class WorkerSession:
         Raises:
             BadActionError: An action is invalid; others may be sent.
             LeaseLostError: The lease is lost.
+            WireError: The service refuses, or cannot answer within `patience_s`.
             UnreachableError: No service answers within `patience_s`.
         """
         packed = {ego: pack(np.asarray(action)) for ego, action in actions.items()}
@@ -320,15 +328,24 @@ class WorkerSession:
             self._pulse.post(f"/v1/leases/{drive.lease}/heartbeat", {}, self._token)
         self.heard = time.monotonic()
 
-    def release(self, drive: Drive, reason: str = "", error: str | None = None) -> None:
+    def release(
+        self, drive: Drive, reason: str = "", error: str | None = None, *, patience_s: float | None = None
+    ) -> None:
         """Releases an episode: with an `error` as the agent's fault, otherwise it is driven again.
 
+        Args:
+            drive: The leased episode.
+            reason: Why, for the service's log.
+            error: What the agent did wrong.
+            patience_s: Time during which it is repeated; None: that of the session.
+
         Raises:
-            WireError: The lease is lost.
-            UnreachableError: No service answers.
+            LeaseLostError: The lease was lost before.
+            WireError: The service refuses, or cannot answer in that time.
+            UnreachableError: No service answers in that time.
         """
         document = {"reason": reason[:LONGEST_TEXT], "error": error[:LONGEST_TEXT] if error is not None else None}
-        self._connection.post(f"/v1/leases/{drive.lease}/release", document, self._token)
+        self._insist(f"/v1/leases/{drive.lease}/release", document, patience_s, ends_lease=True)
 
     def close(self) -> None:
         """Closes the connections; a lease that is still held expires."""
@@ -341,9 +358,10 @@ class WorkerSession:
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self.close()
 
-    def _insist(self, path: str, document: Any) -> Any:
+    def _insist(self, path: str, document: Any, patience_s: float | None = None, *, ends_lease: bool = False) -> Any:
         """Sends an idempotent request until it is answered."""
-        ends, pauses = time.monotonic() + self._patience_s, Pauses()
+        ends = time.monotonic() + (self._patience_s if patience_s is None else patience_s)
+        pauses, repeated = Pauses(), False
         while True:
             try:
                 return self._connection.post(path, document, self._token)
@@ -351,10 +369,13 @@ class WorkerSession:
                 self._worker = ""  # the service was restarted, and the episode with it
                 raise LeaseLostError(410, error.detail) from error
             except (UnreachableError, WireError) as error:
-                temporary = isinstance(error, UnreachableError) or error.status in (429, 503)
-                if not temporary or time.monotonic() > ends:
+                if repeated and ends_lease and isinstance(error, LeaseLostError):
+                    return None  # the answer to the first of these requests was lost, not the request
+                pause_s = pauses.next(error)
+                if not passes(error) or time.monotonic() + pause_s > ends:
                     raise
-                time.sleep(pauses.next(error))
+                repeated = True
+                time.sleep(pause_s)
 
 
 @dataclass(slots=True)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from dohyo.agents.learning.gymnasium.task import GymnasiumTask
@@ -24,9 +25,7 @@ from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import Row, grouped
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study
-from dohyo.agents.studies.tables import fixed
 from dohyo.evaluation.report.style import markdown
-from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.config import Config
 
 
@@ -65,16 +64,17 @@ def work(options: Options, job: Job) -> Iterator[Row]:
 
 
 def table(results: Results) -> str:
-    """Returns with intervals over the trainings, and updates per second of the core."""
+    """Returns of the trainings, of which three give no interval, and updates per second of the core."""
     lines = []
     for env, there in sorted(grouped(results.kept, "benchmark").items()):
         for arm, mine in sorted(grouped(there, "arm").items()):
-            value = mean_estimate([float(row["return"]) for row in mine])
+            returns = [float(row["return"]) for row in mine]
+            value = f"{np.mean(returns):.1f} [{min(returns):.1f}, {max(returns):.1f}]"
             rate = sum(row["updates"] for row in mine) / sum(row["core_s"] for row in mine)
             algorithm, library = arm.split(", ")
             name = algorithm.upper() if library == "dohyo" else MATCHES[env, algorithm].peer
-            lines.append([env, name, library, f"{mine[0]['steps']:,}", str(len(mine)), fixed(value), f"{rate:.0f}"])
-    heads = ["environment", "algorithm", "library", "steps", "trainings", "return", "updates/s"]
+            lines.append([env, name, library, f"{mine[0]['steps']:,}", str(len(mine)), value, f"{rate:.0f}"])
+    heads = ["environment", "algorithm", "library", "steps", "trainings", "return, mean [least, most]", "updates/s"]
     return markdown(heads, lines) if lines else ""
 
 
