@@ -13,7 +13,8 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation import Simulation, plan_scenario
 from dohyo.sumo_networks.world import World
-from tests import compile_once
+from tests import compile_once, forked
+from tests.side_by_side import pytest_addhooks as pytest_addhooks
 from tests.side_by_side import pytest_addoption as pytest_addoption
 from tests.side_by_side import pytest_runtestloop as pytest_runtestloop
 from tests.skips import pytest_runtest_makereport as pytest_runtest_makereport
@@ -34,6 +35,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first, so that no process has one left when the others have ended."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+def pytest_copies() -> None:
+    """Before copies of this process run the tests, see `tests.side_by_side`."""
+    forked.begin()
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ of its own as any other: it has its arguments, files and environment, can be kil
 from __future__ import annotations
 
 import atexit
+import fcntl
 import gc
 import json
 import os
@@ -136,9 +137,11 @@ def dohyo(*arguments: str, cwd: Path = ROOT, env: Mapping[str, str] | None = Non
 
 
 class _Server:
-    """This process's end: one request, one answer."""
+    """One end of a server: one request, one answer, also where copies of this process share it."""
 
     def __init__(self) -> None:
+        self._turn = tempfile.NamedTemporaryFile()  # noqa: SIM115, it stays as long as this process
+        self._owner = os.getpid()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tests.forked"],
             cwd=ROOT,
@@ -154,13 +157,17 @@ class _Server:
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None
-        print(json.dumps({"what": what, **facts}), file=stdin, flush=True)
-        assert select.select([stdout], [], [], PATIENCE_S)[0], "the server of processes does not answer"
-        answer = json.loads(stdout.readline())
+        with open(self._turn.name) as turn:  # its lock is of this process, until it is closed
+            fcntl.flock(turn, fcntl.LOCK_EX)
+            print(json.dumps({"what": what, **facts}), file=stdin, flush=True)
+            assert select.select([stdout], [], [], PATIENCE_S)[0], "the server of processes does not answer"
+            answer = json.loads(stdout.readline())
         assert answer is None or isinstance(answer, int)
         return answer
 
     def _stop(self) -> None:
+        if os.getpid() != self._owner:
+            return
         # It is not asked to end: a process that was forked here may still hold the other end of its pipe.
         self._process.kill()
         self._process.wait()
@@ -169,6 +176,11 @@ class _Server:
 @cache
 def _server() -> _Server:
     return _Server()
+
+
+def begin() -> None:
+    """Starts the server, so that copies of this process share it; it loads while they begin."""
+    _server()
 
 
 def _serve(requests: IO[str], answers: IO[str]) -> dict[str, Any]:

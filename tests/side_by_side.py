@@ -59,6 +59,19 @@ class _Process:
     test: int | None = None
 
 
+class Hooks:
+    """What this plugin calls."""
+
+    @staticmethod
+    def pytest_copies() -> None:
+        """Called before this process is copied, to start what all copies share."""
+
+
+def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
+    """Adds them."""
+    pluginmanager.add_hookspecs(Hooks)
+
+
 class _Side:
     """The process that has collected: it starts the others, and reports what they tell."""
 
@@ -80,6 +93,7 @@ class _Side:
             session.Failed: As many have failed as may.
             session.Interrupted: Another plugin has asked for an end.
         """
+        self._config.hook.pytest_copies()
         gc.collect()
         gc.freeze()  # pages that no collection touches stay shared
         for _ in range(self._count):

@@ -22,7 +22,6 @@ from tests.evaluation.episode.test_runner import scenario
 PRELOADED = "dohyo.sumo_networks.preloaded"
 
 AGENTS: dict[str, dict[str, Any]] = {
-    "autopilot": {},
     "autopilot, es-ekf": {"localization": "es-ekf"},
     "autopilot, ekf": {"localization": "ekf"},
     "autopilot, ukf": {"localization": "ukf"},
@@ -32,8 +31,6 @@ AGENTS: dict[str, dict[str, Any]] = {
     "idm": {},
     "pdm-closed": {},
     "mbappe": {},
-    "random-shooting": {},
-    "predictor-only": {},
 }
 
 
