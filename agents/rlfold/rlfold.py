@@ -141,7 +141,12 @@ class Rlfold(Sac):
         if config.gate == "uncertainty":
             return UncertaintyGate(policy, deviation_of, config.threshold, [SPEED])
         # The same gate with a coin in place of the uncertainty.
-        return UncertaintyGate(policy, lambda chosen: torch.rand(len(chosen)), 1.0 - config.expert_share, [SPEED])
+        return UncertaintyGate(policy, coin_of, 1.0 - config.expert_share, [SPEED])
+
+
+def coin_of(chosen: TensorDict) -> Tensor:
+    """(N,) drawn in [0, 1), whatever the deviation is; 0 for the random actions before the learning starts."""
+    return torch.rand(len(chosen)) if DEVIATION in chosen else torch.zeros(len(chosen))
 
 
 def deviation_of(chosen: TensorDict) -> Tensor:
