@@ -14,6 +14,8 @@ export class ApiError extends Error {
 
 const MARK = { "x-dohyo-page": "1" }; // the session cookie changes things only with it: see session.py
 const LONGEST_JOB_S = 300;
+const FIRST_WAIT_S = 2;
+const LONGEST_WAIT_S = 30;
 
 /**
  * Sends a change: a form as multipart, anything else as JSON. What the service does as a job is awaited.
@@ -76,13 +78,44 @@ async function problem(answer) {
   return new ApiError(answer.status, body.title ?? answer.statusText, detail, body.errors ?? []);
 }
 
-/** Listens to server-sent events of some names; the browser reconnects by itself. Returns a function that stops it. */
-export function listen(path, names, listener) {
-  const source = new EventSource(path);
-  for (const name of names) {
-    source.addEventListener(name, (event) => listener(JSON.parse(event.data), name));
+/**
+ * Listens to server-sent events of some names. The browser reconnects by itself after a break, but never after a refusal,
+ * such as that of a proxy while the service restarts: then the state is read, and the events are requested again later.
+ * @param {() => Promise<boolean>} reread reads and shows the state; whether there is still something to listen to
+ * @returns {() => void} stops it
+ */
+export function listen(path, names, listener, reread) {
+  let source = null;
+  let timer = 0;
+  let wait_s = FIRST_WAIT_S;
+  let stopped = false;
+  const hear = (event) => {
+    wait_s = FIRST_WAIT_S;
+    listener(JSON.parse(event.data), event.type);
+  };
+  const open = () => {
+    source = new EventSource(path);
+    for (const name of names) source.addEventListener(name, hear);
+    source.addEventListener("error", refused);
+  };
+  const again = async () => {
+    const goesOn = await reread().catch((error) => {
+      console.info(error);
+      return true;
+    });
+    if (goesOn && !stopped) open();
+  };
+  function refused() {
+    if (source.readyState !== EventSource.CLOSED || stopped) return;
+    timer = setTimeout(again, 1000 * wait_s);
+    wait_s = Math.min(LONGEST_WAIT_S, 2 * wait_s);
   }
-  return () => source.close();
+  open();
+  return () => {
+    stopped = true;
+    clearTimeout(timer);
+    source.close();
+  };
 }
 
 /** Runs the function that fills a page; if it fails, the page shows the error and what the user can do. */

@@ -37,7 +37,8 @@ export function span(seconds_) {
   const s = Math.max(0, Math.round(seconds_));
   if (s < 60) return `${s} s`;
   if (s < 3600) return `${Math.floor(s / 60)} min ${s % 60} s`;
-  return `${Math.floor(s / 3600)} h ${Math.round((s % 3600) / 60)} min`;
+  const minutes = Math.round(s / 60);
+  return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
 /** A moment in the reader's own time zone, such as `2026-03-01 14:05`. */

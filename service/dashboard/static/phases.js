@@ -16,16 +16,23 @@ export function nextMoment(phase) {
   return at ? [name, at] : null;
 }
 
-/** Counts down to a time, each second; `reached` is called once when it has come. */
+const SETTLES_MS = 500;
+const PATIENCE_MS = 10_000;
+
+/**
+ * Counts down to a time, each second; `reached` is called once when it has come. It is called late where the time was
+ * past from the beginning: then the reader's clock is fast, and the service may still be before that time.
+ */
 export function countdown(iso, reached = () => {}) {
   const element = h("span", { class: "number countdown" });
   const at = new Date(iso).getTime();
+  const late = at <= Date.now();
   const tick = () => {
     const left = at - Date.now();
     element.textContent = left > 0 ? remaining(left / 1000) : "now";
     if (left <= 0) {
       clearInterval(timer);
-      setTimeout(reached, 500);
+      setTimeout(reached, late ? PATIENCE_MS : SETTLES_MS);
     }
   };
   const timer = setInterval(tick, 1000);

@@ -14,7 +14,8 @@ import { interactive } from "./shared/interactive.js";
  * @param {any[]} rows
  * @param {{name: string, caption?: string, css?: string}} options `name` is the table's prefix in the address
  */
-export function table(columns, rows, { name, caption, css = "" }) {
+export function table(columns, rows, options) {
+  const { name, caption, css = "" } = options;
   const element = h(
     "table",
     { class: css },
@@ -22,14 +23,58 @@ export function table(columns, rows, { name, caption, css = "" }) {
     h("thead", {}, h("tr", {}, columns.map(header))),
     body(columns, rows),
   );
-  return interactive(element, name);
+  const frame = interactive(element, name);
+  made.set(frame, options);
+  return frame;
 }
 
-/** Replaces the rows of a table that is shown; what the reader has chosen stays. */
-export function refresh(shown, columns, rows) {
+const made = new WeakMap(); // the options of each table, by its frame
+
+/** Shows other rows in the table of `place` and in its copy button; false if it has no table with as many columns. */
+export function renewed(place, columns, rows) {
+  const shown = place.querySelector(".interactive");
+  if (shown?.querySelector("thead tr").cells.length !== columns.length) return false;
+  replaceKeepingFocus(place.querySelector(".copy"), copyButton(columns, rows));
+  refresh(shown, columns, rows);
+  return true;
+}
+
+/** Replaces the rows of a table that is shown; what the reader has chosen stays, the focus too. */
+function refresh(shown, columns, rows) {
   const element = shown.querySelector("table");
+  const focused = shown.contains(document.activeElement) ? document.activeElement : null;
   element.tBodies[0].replaceWith(body(columns, rows));
   element.dispatchEvent(new Event("rows"));
+  const frame = columns.map((column, place) => column.choice && offered(shown, column, place)).includes(false)
+    ? rebuilt(shown, columns, rows)
+    : shown;
+  if (!focused || focused === document.activeElement) return;
+  const same = focused.isConnected ? focused : [...frame.querySelectorAll(focused.localName)].find((one) => one.isEqualNode(focused));
+  same?.focus({ preventScroll: true });
+}
+
+/** Adds the values of a column that its filter lacks; false if it needs a filter and has none. */
+function offered(shown, { title }, place) {
+  const cells = [...shown.querySelector("tbody").rows].map((row) => row.cells[place]);
+  const values = [...new Set(cells.map((one) => one.dataset.value ?? one.textContent.trim()))];
+  const filter = shown.querySelector(`.table-tools select[aria-label="${CSS.escape(title)}"]`);
+  if (!filter) return values.length < 2;
+  const known = new Set([...filter.options].map((one) => one.value));
+  filter.append(...values.filter((value) => !known.has(value)).map((value) => h("option", { value }, value)));
+  return true;
+}
+
+/** Makes a table anew in its place, so that it has all filters. What the reader has chosen is in the address. */
+function rebuilt(shown, columns, rows) {
+  const frame = table(columns, rows, made.get(shown));
+  shown.replaceWith(frame);
+  return frame;
+}
+
+function replaceKeepingFocus(before, after) {
+  const focused = before === document.activeElement;
+  before.replaceWith(after);
+  if (focused) after.focus({ preventScroll: true });
 }
 
 function header(column) {

@@ -118,11 +118,13 @@ class Fake:
             for facts in summary_of(record, "2.0")["egos"]
         )
 
-    def entry(self, agent: str) -> Entry:
+    def entry(self, name: str) -> Entry:
+        """Of an agent, or of a version of it, such as "reckless@2"."""
+        agent, _, version = name.partition("@")
         gridlocked = self.drives(agent, lost=True)
         return Entry(
-            f"ev-{agent}", f"su-{agent}", agent, 1, "lab", "builtin", "map" if agent == "autopilot" else "privileged",
-            "quickstart", VERSION, (0, 1), WHEN, self.drives(agent),
+            f"ev-{name}", f"su-{name}", agent, int(version or 1), "lab", "builtin",
+            "map" if agent == "autopilot" else "privileged", "quickstart", VERSION, (0, 1), WHEN, self.drives(agent),
             Counter(self.lost) + Counter(drive.cell for drive in gridlocked), gridlocked=gridlocked,
         )  # fmt: skip
 

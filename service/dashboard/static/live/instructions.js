@@ -9,9 +9,9 @@ export const madeBy = () =>
     `curl -s ${location.origin}/v1/worlds -H "Authorization: Bearer $TOKEN" \\\n  --json '{"benchmark": "fleet", "seed": 0, "record": true}'`,
   );
 
-/** The command with which a worker joins a world as the driver of an ego. */
+/** The command with which a worker joins a world as the driver of an ego; two workers of one name would share a place. */
 export const joinedBy = (world, ego) =>
-  command(`python examples/world_worker.py ${location.origin} $TOKEN ${world.id} alice ${ego} 8.0`);
+  command(`python examples/world_worker.py ${location.origin} $TOKEN ${world.id} ${ego}-driver ${ego} 8.0`);
 
 function command(text) {
   const button = h("button", { type: "button", class: "copy" }, "copy");

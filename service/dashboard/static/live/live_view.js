@@ -1,6 +1,6 @@
 /** A live world on a canvas: connects to its events, draws its scenes, and keeps a toolbar and a table of egos. */
 
-import { listen } from "../api.js";
+import { get, listen } from "../api.js";
 import { h } from "../dom.js";
 import { CameraControls, isForPage } from "../replay/camera_controls.js";
 import { roads } from "../replay/player.js";
@@ -14,13 +14,13 @@ import { LiveDrive } from "./live_drive.js";
  * @param {HTMLElement} place
  * @param world its document
  * @param {{tools: Node[], keys: Object<string, () => void>, scene: (scene: any) => void, state: (state: any) => void,
- *   end: (end: any) => void}} page what the page adds, and is told
+ *   lost: (error: Error) => void, end: (end: any) => void}} page what the page adds, and is told
  * @returns {{choose: (name: string) => void}}
  */
 export function watch(place, world, page) {
   let shown = null; // once the first scene is there
   let drive = null;
-  const path = `/v1/worlds/${encodeURIComponent(world.id)}/events`;
+  const path = `/v1/worlds/${encodeURIComponent(world.id)}`;
   const heard = {
     stage: (stage) => (drive ??= new LiveDrive(stage)),
     scene: async (scene) => {
@@ -37,7 +37,14 @@ export function watch(place, world, page) {
       page.end(end);
     },
   };
-  const stop = listen(path, Object.keys(heard), (data, name) => heard[name](data));
+  const reread = async () => {
+    const now = await get(path).catch(page.lost);
+    if (!now) return true;
+    if (now.finished) heard.end(now);
+    else page.state(now);
+    return !now.finished;
+  };
+  const stop = listen(`${path}/events`, Object.keys(heard), (data, name) => heard[name](data), reread);
   return {
     choose(name) {
       const ego = drive?.egos.find((one) => one.name === name);

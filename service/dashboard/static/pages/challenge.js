@@ -10,9 +10,11 @@ import { moment, number } from "../format.js";
 import { conditions, countdown, nextMoment, period, runsLeft, stateOf } from "../phases.js";
 import { prose } from "../prose.js";
 import { colours, subject } from "../subject.js";
-import { copyButton, table } from "../table.js";
+import { copyButton, renewed, table } from "../table.js";
+import { turns } from "../turns.js";
 
 const REFRESH_MS = 4000;
+const RETRY_MS = 10_000;
 const name = subject();
 const base = `/v1/challenges/${encodeURIComponent(name)}`;
 const finished = (run) => ["done", "failed", "cancelled"].includes(run.status);
@@ -80,7 +82,7 @@ function phasePart(challenge, phase) {
       "div",
       { class: "heading" },
       h("h2", {}, `Phase ${phase.name} `, stateOf(phase)),
-      next && h("p", {}, `${next[0]} in `, countdown(next[1], () => location.reload())),
+      next && h("p", {}, `${next[0]} in `, countdown(next[1], () => reloadAfter(phase))),
     ),
     challenge.phases.length > 1 &&
       h(
@@ -93,6 +95,14 @@ function phasePart(challenge, phase) {
     h("dl", { class: "tiles five" }, conditions(phase).map(([key, value]) => h("div", {}, h("dt", {}, key), h("dd", {}, value)))),
     h("div", { id: "board" }, h("p", { class: "loading", role: "status" }, "Reading the board …")),
   );
+}
+
+/** Loads the page again once the service too has moved the phase on; a reload before that would only lose what was typed. */
+async function reloadAfter(phase) {
+  const now = await get(base).catch((error) => console.info(error));
+  const same = now?.phases.find((one) => one.id === phase.id);
+  if (now && same?.state !== phase.state) location.reload();
+  else setTimeout(() => reloadAfter(phase), RETRY_MS);
 }
 
 async function boardPart(phase) {
@@ -127,20 +137,40 @@ async function teamPart(challenge) {
   const mine = agents.filter((one) => one.owner === me.owner && one.version);
   const runs = h("div", { id: "runs" });
   const quota = h("div", {});
-  const show = async () => {
-    const all = await readRuns(challenge, members, mine);
-    fill(quota, quotas(challenge, all, members));
-    fill(runs, runsTable(challenge, all, me, show));
-    if (all.some((run) => !finished(run))) setTimeout(show, REFRESH_MS);
+  const problem = h("p", { class: "problem", role: "alert", hidden: true });
+  const cancels = new Map();
+  const began = turns();
+  let timer = 0;
+  let shown = "";
+  const later = (wait_ms) => {
+    clearTimeout(timer);
+    timer = setTimeout(again, wait_ms);
   };
+  const show = async () => {
+    const isLast = began();
+    const all = await readRuns(challenge, members, mine);
+    if (!isLast()) return;
+    problem.hidden = true;
+    fill(quota, quotas(challenge, all, members)); // it changes with time alone, too
+    if (shown !== JSON.stringify(all)) showRuns(runs, challenge, all, (run) => cancelOf(cancels, run, me, again));
+    shown = JSON.stringify(all);
+    if (all.some((run) => !finished(run))) later(REFRESH_MS);
+  };
+  const again = () =>
+    show().catch((error) => {
+      problem.textContent = `The runs could not be read, and are read again soon: ${error.message}`;
+      problem.hidden = false;
+      later(RETRY_MS);
+    });
   fill(
     byId("team"),
     h("div", { class: "heading" }, h("h2", {}, `Your team: ${challenge.my_team}`), h("p", { class: "links" }, h("a", { href: `/submit?challenge=${encodeURIComponent(name)}` }, "submit an agent"), " · ", h("a", { href: "/account" }, "your tokens"))),
     h("p", { class: "note" }, `Members: ${members.join(", ")}`),
     quota,
     mine.length
-      ? starting(challenge, mine, show)
+      ? starting(challenge, mine, again)
       : h("section", { class: "state" }, h("h3", {}, "No agent yet"), h("p", {}, h("a", { class: "button", href: `/submit?challenge=${encodeURIComponent(name)}` }, "submit an agent"))),
+    problem,
     runs,
   );
   await show();
@@ -201,8 +231,18 @@ function starting(challenge, agents, after) {
   return h("div", { class: "panel" }, starts);
 }
 
-function runsTable(challenge, runs, me, after) {
-  if (!runs.length) return h("p", { class: "note" }, "No run yet.");
+/** What cancels a run. It is made once, so that a press on it that waits for the second one outlives new rows. */
+function cancelOf(cancels, run, me, after) {
+  if (run.owner !== me.owner || finished(run)) return "";
+  if (!cancels.has(run.id) || cancels.get(run.id).querySelector("[role=alert]")) {
+    const button = confirmed("cancel", "really cancel", "POST", `/v1/evaluations/${encodeURIComponent(run.id)}/cancel`, after);
+    cancels.set(run.id, h("div", {}, button));
+  }
+  return cancels.get(run.id);
+}
+
+function showRuns(place, challenge, runs, cancel) {
+  if (!runs.length) return fill(place, h("p", { class: "note" }, "No run yet."));
   const phaseOf = (run) => challenge.phases.find((one) => one.id === run.ranking)?.name;
   const columns = [
     { title: "run", cell: (run) => h("a", { href: `/evaluations/${encodeURIComponent(run.id)}` }, `${run.agent} v${run.version}`), csv: (run) => `${run.agent} v${run.version}` },
@@ -217,19 +257,14 @@ function runsTable(challenge, runs, me, after) {
     },
     { title: "what failed", cell: failure, csv: (run) => run.failure ?? "" },
     { title: "ordered", cell: (run) => h("time", {}, moment(run.created)), csv: (run) => run.created },
-    {
-      title: "cancel",
-      csv: null,
-      cell: (run) =>
-        run.owner === me.owner && !finished(run)
-          ? confirmed("cancel", "really cancel", "POST", `/v1/evaluations/${encodeURIComponent(run.id)}/cancel`, after)
-          : "",
-    },
+    { title: "cancel", csv: null, cell: cancel },
   ];
-  return [
+  if (renewed(place, columns, runs)) return;
+  fill(
+    place,
     h("div", { class: "heading sub" }, h("h3", {}, "Your team's runs"), copyButton(columns, runs)),
     h("div", { class: "panel wide" }, table(columns, runs, { name: "runs", caption: "Your team's runs" })),
-  ];
+  );
 }
 
 /** The failure of a run, and a link to the failures and logs of its episodes. */

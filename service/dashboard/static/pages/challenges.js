@@ -23,7 +23,7 @@ page(async () => {
           { class: "state" },
           h("h2", {}, "No challenge yet"),
           h("p", {}, "An organiser makes the first one. A token of role organiser is made with:"),
-          h("pre", { class: "command" }, h("code", {}, "dohyo tokens create NAME --role organiser")),
+          h("pre", { class: "command" }, h("code", {}, "dohyo tokens create --owner NAME --role organiser")),
         ),
     ["organiser", "admin"].includes(me?.role) && making(),
   );

@@ -31,15 +31,16 @@ page(async () => {
     );
     return;
   }
-  const given = await get(comparison(ids)).catch(refused);
-  if (!given) return;
+  const answer = await get(comparison(ids)).catch(refused);
+  if (!answer) return;
+  const given = named(answer);
   const colour = await colours(given.evaluations.map((one) => one.agent));
   fill(
     byId("content"),
     h(
       "div",
       { class: "title" },
-      h("h1", {}, given.evaluations.map((one) => one.agent).join(" and ")),
+      h("h1", {}, given.evaluations.map((one) => one.name).join(" and ")),
       h(
         "p",
         { class: "byline quiet" },
@@ -58,6 +59,17 @@ page(async () => {
   const chosen = given.scenarios.find((one) => key(one) === query.get("scenario"));
   if (chosen) await watch(given, chosen, colour, false);
 });
+
+/** Gives each side a name: its agent, with the version where agents are equal, and its place where versions are too. */
+function named(given) {
+  const sides = given.evaluations;
+  const distinct = (names, more) => names.map((name, i) => (names.filter((one) => one === name).length > 1 ? more(name, i) : name));
+  const versioned = distinct(sides.map((one) => one.agent), (name, i) => `${name} v${sides[i].version}`);
+  const names = distinct(versioned, (name, i) => `${name}, run ${i + 1}`);
+  return { ...given, evaluations: sides.map((one, i) => ({ ...one, name: names[i] })) };
+}
+
+const pathOf = (agent) => `/agents/${encodeURIComponent(agent)}`;
 
 function comparison(ids) {
   return `/v1/comparison?${ids.map((id) => `evaluation=${encodeURIComponent(id)}`).join("&")}`;
@@ -88,9 +100,9 @@ function scores(given, colour) {
         h(
           "a",
           { href: `/evaluations/${encodeURIComponent(row.evaluation)}` },
-          agentName(row.agent, colour[row.agent], null),
+          agentName(row.name, colour[row.agent], null),
         ),
-      csv: (row) => row.agent,
+      csv: (row) => row.name,
     },
     ...shown(given.evaluations[0].scores, 5, given.metric).map(({ key, title, unit, top }) => ({
       title,
@@ -112,7 +124,8 @@ function scores(given, colour) {
 }
 
 function pairs(given, colour) {
-  const name = new Map(given.evaluations.map((one) => [one.evaluation, one.agent]));
+  const sides = new Map(given.evaluations.map((one) => [one.evaluation, one]));
+  const linked = ({ name, agent }) => agentName(name, colour[agent], pathOf(agent));
   return h(
     "section",
     {},
@@ -121,6 +134,7 @@ function pairs(given, colour) {
       "div",
       { class: "columns" },
       given.pairs.map((pair, place) => {
+        const [a, b] = [sides.get(pair.a), sides.get(pair.b)];
         const rows = shown(pair.scores, 6, given.metric)
           .filter(({ key }) => pair.scores[key])
           .map((one) => ({ ...one, ...pair.scores[one.key] }));
@@ -132,7 +146,7 @@ function pairs(given, colour) {
             cell: (row) => whisker(row.difference, row.top, { bottom: -row.top }),
             csv: (row) => estimateCells("difference", row.difference),
           },
-          { title: "verdict", cell: (row) => verdict(row, `A: ${name.get(pair.a)}, B: ${name.get(pair.b)}`), csv: (row) => row.verdict },
+          { title: "verdict", cell: (row) => verdict(row, `A: ${a.name}, B: ${b.name}`), csv: (row) => row.verdict },
         ];
         return h(
           "div",
@@ -143,9 +157,9 @@ function pairs(given, colour) {
             h(
               "h3",
               {},
-              agentName(name.get(pair.a), colour[name.get(pair.a)]),
+              linked(a),
               " minus ",
-              agentName(name.get(pair.b), colour[name.get(pair.b)]),
+              linked(b),
             ),
             copyButton(columns, rows),
           ),
@@ -162,7 +176,7 @@ function pairs(given, colour) {
       h("b", {}, "<"),
       " or ",
       h("b", {}, ">"),
-      " means a significant difference: its 95 % interval excludes 0. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.",
+      ": a test by flipped signs tells the mean from 0 at 5 %; fewer than six drives never do. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.",
     ),
   );
 }
@@ -188,9 +202,9 @@ function scenarios(given, colour) {
     { title: "scenario", cell: (row) => row.scenario },
     { title: "seed", numeric: true, cell: (row) => row.seed },
     ...given.evaluations.map((one, i) => ({
-      title: one.agent,
+      title: one.name,
       unit: `${scoreName(given)}, %`,
-      key: one.agent,
+      key: one.name,
       cell: (row) =>
         h(
           "a",
@@ -271,9 +285,13 @@ function how(statuses) {
   );
 }
 
-/** Shows the first two replays of a scenario in lockstep; the address keeps the scenario. */
+let watched = new AbortController(); // of the replays that are shown, or being read
+
+/** Shows the first two replays of a scenario in lockstep, in place of those shown before; the address keeps the scenario. */
 async function watch(given, scenario, colour, move = true) {
   const section = byId("lockstep");
+  watched.abort();
+  const { signal } = (watched = new AbortController());
   if (move) {
     query.set("scenario", key(scenario));
     history.replaceState(null, "", `?${query}`);
@@ -286,21 +304,27 @@ async function watch(given, scenario, colour, move = true) {
   );
   section.scrollIntoView();
   const theatre = h("div", { class: "theatre" });
-  const loaded = await Promise.all(scenario.episodes.slice(0, PLAYED).map(load));
+  const loaded = await Promise.all(scenario.episodes.slice(0, PLAYED).map(load)).catch((error) => {
+    if (!signal.aborted) section.lastChild.replaceWith(unread(error));
+  });
+  if (!loaded || signal.aborted) return;
   section.lastChild.replaceWith(theatre);
   play(
     theatre,
-    loaded.map((one, i) => ({ ...one, agent: given.evaluations[i].agent, title: title(given, scenario, i, colour) })),
+    loaded.map((one, i) => ({ ...one, agent: given.evaluations[i].name, title: title(given, scenario, i, colour) })),
+    signal,
   );
   theatre.querySelector("canvas").focus({ preventScroll: true });
 }
 
+const unread = (error) => h("p", { class: "problem", role: "alert" }, `The replays could not be read: ${error.message}`);
+
 function title(given, scenario, i, colour) {
-  const { agent } = given.evaluations[i];
+  const { agent, name } = given.evaluations[i];
   return h(
     "span",
     {},
-    agentName(agent, colour[agent], null),
+    agentName(name, colour[agent], null),
     h("span", { class: "quiet" }, `  ${scoreName(given)} ${number(told(given, scenario, i))} %  `),
     h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "open replay"),
   );

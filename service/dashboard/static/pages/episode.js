@@ -7,7 +7,7 @@ import { short } from "../format.js";
 import { measuredBy, measuredEpisode } from "../measured.js";
 import { agentsOf, agentsText, driverOf, isMixed } from "../mixed.js";
 import { colours, subject } from "../subject.js";
-import { choice, why } from "../replay/facts.js";
+import { chosenEgo, why } from "../replay/facts.js";
 import { load, play } from "../replay/player.js";
 import { Reasons } from "../replay/reasons.js";
 
@@ -34,16 +34,15 @@ page(async () => {
   );
   const player = play(theatre, [{ replay, map, agent: episode.agent }]);
   const reasons = h("section", { class: "reasons", "aria-label": "Why the agent decides so" });
-  const show = (ego) =>
-    fill(
-      facts,
-      choice(replay, player, show),
+  fill(
+    facts,
+    chosenEgo(replay, player, (ego) => [
       isMixed(episode) && driven(episode, ego, colour),
       ...why(ego, replay, player, closedLoop(episode, ego)),
-      replay.lot ? null : [h("h2", {}, "Why the agent decides so"), reasons],
-      links(id, episode),
-    );
-  show(player.views[0].ego);
+    ]),
+    replay.lot ? null : [h("h2", {}, "Why the agent decides so"), reasons],
+    links(id, episode),
+  );
   if (!replay.lot) new Reasons(id, player, reasons);
 });
 

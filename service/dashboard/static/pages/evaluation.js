@@ -8,10 +8,12 @@ import { moment, number, seconds, span } from "../format.js";
 import { measureColumns, measuredBy, worstFirst } from "../measured.js";
 import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
 import { colours, subject } from "../subject.js";
-import { copyButton, refresh, table } from "../table.js";
+import { copyButton, renewed, table } from "../table.js";
+import { turns } from "../turns.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
 
 const REFRESH_MS = 1500;
+const RETRY_MS = 10_000;
 const MOST_TROUBLED = 20;
 const FAULTS = /agent could not be set up|agent raised|agent's action|agent did not answer/;
 
@@ -19,6 +21,8 @@ const id = subject();
 const base = `/v1/evaluations/${encodeURIComponent(id)}`;
 const finished = (status) => ["done", "failed", "cancelled"].includes(status);
 const state = { evaluation: null, episodes: [], metrics: null, colour: {}, started: performance.now(), before: 0 };
+const reads = turns();
+const attempts = turns();
 
 page(async () => {
   await read();
@@ -45,21 +49,38 @@ page(async () => {
   if (!finished(state.evaluation.status)) live();
 });
 
-/** Reads the evaluation, all of its episodes and its metrics again. */
+/** Reads the evaluation, all of its episodes and its metrics again; false if a later read has begun meanwhile. */
 async function read() {
-  [state.evaluation, state.episodes, state.metrics] = await Promise.all([
+  const isLast = reads();
+  const [evaluation, episodes, metrics] = await Promise.all([
     get(base),
     getAll(`${base}/episodes`),
-    get(`${base}/metrics`).catch(() => null),
+    get(`${base}/metrics`).catch(() => state.metrics),
   ]);
+  if (!isLast()) return false;
+  Object.assign(state, { evaluation, episodes, metrics });
+  return true;
+}
+
+/** Reads everything again and shows it. */
+async function renew() {
+  if (await read()) show();
 }
 
 /** Follows the progress: each event moves a bar at once; the tables change when no event has come for a while. */
 function live() {
   let timer = 0;
-  const refresh = () => {
+  const refresh = (wait_ms = REFRESH_MS) => {
     clearTimeout(timer);
-    timer = setTimeout(() => read().then(show, (error) => console.info(error)), REFRESH_MS);
+    timer = setTimeout(() => renew().catch(later), wait_ms);
+  };
+  const later = (error) => {
+    console.info(error);
+    refresh(RETRY_MS);
+  };
+  const reread = async () => {
+    await renew();
+    return !finished(state.evaluation.status);
   };
   const stop = listen(`${base}/progress`, ["state", "episode", "end"], (event, name) => {
     if (name === "episode") {
@@ -71,7 +92,7 @@ function live() {
     if (name === "end") stop();
     showProgress();
     refresh();
-  });
+  }, reread);
 }
 
 function show() {
@@ -165,10 +186,7 @@ function showEpisodes() {
   const kind = measuredBy(state.episodes[0]);
   const columns = kind ? measuredColumns(kind) : isParking() ? lotColumns() : driveColumns(rows.some((row) => row.ego?.closed_loop));
   const heading = kind?.heading ?? "Episodes, lowest score first";
-  const shown = byId("episodes").querySelector(".interactive");
-  if (shown && shown.querySelector("thead tr").cells.length === columns.length) {
-    refresh(shown, columns, rows);
-    byId("episodes").querySelector(".copy").replaceWith(copyButton(columns, rows));
+  if (renewed(byId("episodes"), columns, rows)) {
     byId("episodes").querySelector(".marks-key").replaceChildren(key(rows));
     return;
   }
@@ -274,10 +292,12 @@ function lotColumns() {
 
 /** The attempts without a good end, of the first episodes that have some. */
 async function showAttempts() {
+  const isLast = attempts();
   const troubled = state.episodes.filter(hasTrouble);
   const read = troubled.slice(0, MOST_TROUBLED);
   const lists = await Promise.all(read.map((one) => getAll(`/v1/episodes/${encodeURIComponent(one.id)}/attempts`)));
   const rows = lists.flatMap((list, i) => list.map((one) => ({ ...one, episode: read[i] }))).filter((one) => one.outcome !== "done");
+  if (!isLast()) return;
   if (!rows.length) return fill(byId("attempts"));
   const columns = [
     {
@@ -292,14 +312,20 @@ async function showAttempts() {
     { title: "processor", unit: "s", numeric: true, cell: (row) => (row.processor_s === null ? "—" : number(row.processor_s)), csv: (row) => row.processor_s },
     { title: "started", cell: (row) => moment(row.started), sort: (row) => row.started, csv: (row) => row.started },
   ];
+  const said = troubled.length > read.length ? `of the first ${read.length} of ${troubled.length} episodes with failed attempts` : "";
+  if (renewed(byId("attempts"), columns, rows)) {
+    byId("attempts").querySelector(".part").replaceWith(part(said));
+    return;
+  }
   fill(
     byId("attempts"),
     h("div", { class: "heading" }, h("h2", {}, "Attempts and failures"), copyButton(columns, rows)),
     h("div", { class: "panel wide" }, table(columns, rows, { name: "attempts", caption: "Attempts and failures" })),
-    troubled.length > read.length &&
-      h("p", { class: "note" }, `of the first ${read.length} of ${troubled.length} episodes with failed attempts`),
+    part(said),
   );
 }
+
+const part = (text) => h("p", { class: "note part", hidden: !text }, text);
 
 /** Whether an episode has an attempt that gave no record, or a fault of its agent. */
 const hasTrouble = (one) =>

@@ -51,7 +51,7 @@ page(async () => {
       h("p", {}, "They were fixed before the first drive."),
       h("ul", {}, looked_at.map((one) => h("li", {}, one))),
     ),
-    open.length && h("p", { class: "note" }, `Not driven so far: ${open.map((one) => one.title).join("; ")}.`),
+    open.length > 0 && h("p", { class: "note" }, `Not driven so far: ${open.map((one) => one.title).join("; ")}.`),
   );
 });
 

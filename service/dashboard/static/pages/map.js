@@ -4,7 +4,8 @@ import { get, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { number, seconds } from "../format.js";
 import { subject } from "../subject.js";
-import { copyButton, table } from "../table.js";
+import { copyButton, renewed, table } from "../table.js";
+import { turns } from "../turns.js";
 import { label, words } from "../words.js";
 import { GroundMap } from "../replay/ground.js";
 import { roads } from "../replay/player.js";
@@ -20,6 +21,8 @@ page(async () => {
   const all = given.infractions;
   const networks = [...new Set(all.map((one) => one.network))].sort();
   const place = h("div", {});
+  const list = h("div", {});
+  const began = turns();
   const choice = h(
     "select",
     { "aria-label": "network", change: () => show(choice.value) },
@@ -59,18 +62,17 @@ page(async () => {
     );
     return;
   }
-  const show = async (network) =>
-    draw(
-      place,
-      network,
-      all.filter((one) => one.network === network),
-    );
+  const show = async (network) => {
+    const isLast = began();
+    const infractions = all.filter((one) => one.network === network);
+    const box = boundsOf(infractions);
+    const map = await roads(network, box);
+    if (isLast()) draw(place, list, network, infractions, box, map);
+  };
   await show(networks[0]);
 });
 
-async function draw(place, network, infractions) {
-  const box = boundsOf(infractions);
-  const map = await roads(network, box);
+function draw(place, list, network, infractions, box, map) {
   const kinds = Object.keys(words.marks).filter((kind) => infractions.some((one) => one.kind === kind));
   const hidden = new Set();
   const canvas = h("canvas", {
@@ -79,7 +81,6 @@ async function draw(place, network, infractions) {
     tabindex: 0,
     "aria-label": `Map of ${network} with ${infractions.length} infractions. Arrow keys move it, plus and minus zoom. The same infractions are in the table below.`,
   });
-  const list = h("div", {});
   const legend = h(
     "fieldset",
     { class: "legend", "aria-label": "Kinds of infraction shown" },
@@ -129,7 +130,7 @@ async function draw(place, network, infractions) {
   const update = () => {
     const shown = infractions.filter((one) => !hidden.has(one.kind));
     ground.show(shown);
-    fill(list, listing(shown));
+    showList(list, shown);
   };
   update();
 }
@@ -156,7 +157,7 @@ function describe(cluster) {
   return `${label(one.kind)} · ${one.scenario}, seed ${one.seed}, at ${seconds(one.time_s)} s: press to open the replay`;
 }
 
-function listing(infractions) {
+function showList(place, infractions) {
   const columns = [
     {
       title: "kind",
@@ -182,10 +183,18 @@ function listing(infractions) {
     },
     { title: "cell", choice: true, cell: (row) => row.cell },
   ];
-  return h(
-    "section",
-    {},
-    h("div", { class: "heading" }, h("h2", {}, `${infractions.length} infractions`), copyButton(columns, infractions)),
-    h("div", { class: "panel wide" }, table(columns, infractions, { name: "infractions" })),
+  const heading = `${infractions.length} infractions`;
+  if (renewed(place, columns, infractions)) {
+    place.querySelector("h2").textContent = heading;
+    return;
+  }
+  fill(
+    place,
+    h(
+      "section",
+      {},
+      h("div", { class: "heading" }, h("h2", {}, heading), copyButton(columns, infractions)),
+      h("div", { class: "panel wide" }, table(columns, infractions, { name: "infractions" })),
+    ),
   );
 }

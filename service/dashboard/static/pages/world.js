@@ -6,7 +6,7 @@ import { moment, seconds, short } from "../format.js";
 import { joinedBy } from "../live/instructions.js";
 import { watch } from "../live/live_view.js";
 import { standing } from "../live/standing.js";
-import { choice, why } from "../replay/facts.js";
+import { chosenEgo, why } from "../replay/facts.js";
 import { loadFrom, play } from "../replay/player.js";
 import { subject } from "../subject.js";
 
@@ -42,8 +42,9 @@ function live(world, mayChange) {
   const status = h("p", { role: "status" });
   const egos = h("ul", { class: "egos" });
   const problem = h("p", { class: "problem", role: "alert" });
+  const broken = h("p", { class: "problem", role: "alert" });
   const join = h("section", {});
-  const facts = h("aside", { class: "facts-panel", "aria-label": "Drivers" }, status, problem, h("h2", {}, "Egos"), egos, join);
+  const facts = h("aside", { class: "facts-panel", "aria-label": "Drivers" }, status, problem, broken, h("h2", {}, "Egos"), egos, join);
   const theatre = h("section", { class: "theatre", "aria-label": "Live view" }, h("p", { class: "loading waiting" }, "Waiting for the first scene …"));
   fill(byId("content"), heading(world), h("div", { class: "episode" }, theatre, facts));
 
@@ -58,23 +59,31 @@ function live(world, mayChange) {
   const tools = toolbar(act, mayChange);
   let state = null;
   let chosen = null;
-  const speeds = new Map();
   const showState = (next) => {
     state = next;
+    broken.textContent = "";
     fill(status, standing(state.status, "large"));
     tools.show(state.status);
     showEgos();
     const free = state.egos.find((ego) => ego.driving && !ego.driver);
     fill(join, free ? [h("h2", {}, "Join"), h("p", { class: "small quiet" }, `Drive ${free.name} with a worker of your own:`), joinedBy(world, free.name)] : "");
   };
-  const showEgos = () => {
-    const names = state.egos.map((ego) => ego.name);
-    chosen = chosen ?? names[0];
-    fill(egos, state.egos.map((ego) => egoRow(ego, ego.name === chosen, () => {
-      chosen = ego.name;
-      view.choose(ego.name);
+  const rows = new Map(); // by name of the ego; they stay, so that the focus does
+  const rowOf = (name) => {
+    if (!rows.has(name)) rows.set(name, egoRow(name, () => {
+      chosen = name;
+      view.choose(name);
       showEgos();
-    }, speeds)));
+    }));
+    return rows.get(name);
+  };
+  const showEgos = () => {
+    chosen = chosen ?? state.egos[0]?.name;
+    for (const ego of state.egos) {
+      const row = rowOf(ego.name);
+      if (!row.element.isConnected) egos.append(row.element);
+      row.show(ego, ego.name === chosen);
+    }
   };
   const view = watch(theatre, world, {
     tools: tools.elements,
@@ -84,9 +93,12 @@ function live(world, mayChange) {
       tools.time.textContent = `${seconds(scene.time_s)} s`;
       tools.time.title = `tick ${scene.tick}`;
       scene.egos.forEach(([, , , speed], i) => {
-        const name = state?.egos[i].name;
-        if (speeds.has(name)) speeds.get(name).textContent = speed.toFixed(1);
+        const row = rows.get(state?.egos[i].name);
+        if (row) row.speed.textContent = speed.toFixed(1);
       });
+    },
+    lost(error) {
+      broken.textContent = `The connection to the world is lost, and tried again: ${error.message}`;
     },
     async end() {
       const ended = await get(path());
@@ -98,19 +110,20 @@ function live(world, mayChange) {
 }
 
 /** An ego with its driver and its speed; a press on it moves the camera there. */
-function egoRow(ego, isChosen, choose, speeds) {
-  const speed = h("span", { class: "number speed", title: "speed, m/s" }, speeds.get(ego.name)?.textContent ?? "");
-  speeds.set(ego.name, speed);
-  return h(
-    "li",
-    {},
-    h(
-      "button",
-      { type: "button", class: "row", "aria-pressed": String(isChosen), click: choose },
-      h("span", {}, h("b", {}, ego.name), h("span", { class: "quiet detail" }, ego.driver ?? (ego.driving ? "no driver" : "has ended"))),
-      ego.driving && [speed, h("span", { class: "unit" }, "m/s")],
-    ),
-  );
+function egoRow(name, choose) {
+  const speed = h("span", { class: "number speed", title: "speed, m/s" });
+  const unit = h("span", { class: "unit" }, "m/s");
+  const driver = h("span", { class: "quiet detail" });
+  const button = h("button", { type: "button", class: "row", click: choose }, h("span", {}, h("b", {}, name), driver), speed, unit);
+  return {
+    element: h("li", {}, button),
+    speed,
+    show(ego, isChosen) {
+      button.setAttribute("aria-pressed", String(isChosen));
+      driver.textContent = ego.driver ?? (ego.driving ? "no driver" : "has ended");
+      speed.hidden = unit.hidden = !ego.driving;
+    },
+  };
 }
 
 /** Buttons that pause, step and end a world, for those who may. */
@@ -157,16 +170,13 @@ async function replay(world) {
   const theatre = h("section", { class: "theatre", "aria-label": "Replay" });
   fill(byId("content"), heading(world), h("div", { class: "episode" }, theatre, facts));
   const player = play(theatre, [{ ...loaded, agent: "the drivers" }]);
-  const show = (ego) =>
-    fill(
-      facts,
-      h("p", { role: "status" }, standing(world.status), h("span", { class: "quiet" }, " · no ranking")),
-      world.reason && h("p", { class: "reason" }, world.reason),
-      choice(loaded.replay, player, show),
-      ...why(ego, loaded.replay, player),
-      links(world),
-    );
-  show(player.views[0].ego);
+  fill(
+    facts,
+    h("p", { role: "status" }, standing(world.status), h("span", { class: "quiet" }, " · no ranking")),
+    world.reason && h("p", { class: "reason" }, world.reason),
+    chosenEgo(loaded.replay, player, (ego) => why(ego, loaded.replay, player)),
+    links(world),
+  );
 }
 
 function links(world) {

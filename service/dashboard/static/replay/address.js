@@ -21,13 +21,14 @@ export function address(clock, camera, ego) {
   return `#${parts.join("&")}`;
 }
 
-/** Returns a function that writes the address, at most once per WRITE_MS. */
-export function writer(make) {
+/** Returns a function that writes the address, at most once per WRITE_MS, until the signal stops it. */
+export function writer(make, signal) {
   let timer = 0;
   return () => {
     if (timer) return;
     timer = setTimeout(() => {
       timer = 0;
+      if (signal?.aborted) return;
       history.replaceState(history.state, "", make());
     }, WRITE_MS);
   };

@@ -56,6 +56,11 @@ export class Clock {
     this._changed();
   }
 
+  /** Stops without telling anybody. */
+  stop() {
+    this.playing = false;
+  }
+
   setRate(rate) {
     this.rate = rate;
     this._changed();

@@ -21,8 +21,9 @@ export class Controls {
    * @param {import("./clock.js").Clock} clock
    * @param {import("./view.js").View[]} views
    * @param {() => string} link returns the address of the current view
+   * @param {AbortSignal} [signal] after which keys do nothing here
    */
-  constructor(clock, views, link) {
+  constructor(clock, views, link, signal) {
     this.clock = clock;
     this.views = views;
     this.link = link;
@@ -59,7 +60,7 @@ export class Controls {
     this._shown = "";
     clock.onFrame((time_s) => this._showTime(time_s));
     clock.onChange(() => this._showState());
-    document.addEventListener("keydown", (event) => this._key(event));
+    document.addEventListener("keydown", (event) => this._key(event), { signal });
   }
 
   /** Goes to the next infraction (1) or the one before (-1), of any view. */

@@ -1,6 +1,6 @@
 /** What stands beside a replay: the choice of the ego, and why its score is what it is. */
 
-import { h, mark } from "../dom.js";
+import { fill, h, mark } from "../dom.js";
 import { number, seconds } from "../format.js";
 import { SIGNS, ending, label, meaning, words } from "../words.js";
 import { parked } from "./parked.js";
@@ -9,22 +9,20 @@ import { explain, explainClosedLoop } from "./score.js";
 const LOST =
   "The traffic was gridlocked, which is not the agent's fault: the episode counts in no score, except means that count lost drives as 0.";
 
-/** A choice of the ego, where there are several. */
-export function choice(replay, player, show) {
-  if (replay.egos.length < 2) return null;
+/** A choice of the ego, where there are several, and what is told of the chosen one. */
+export function chosenEgo(replay, player, told) {
   const select = h(
     "select",
-    {
-      change: () => {
-        player.choose(select.value);
-        show(player.views[0].ego);
-      },
-    },
-    replay.egos.map((ego) =>
-      h("option", { value: ego.name, selected: ego.name === player.views[0].ego.name }, ego.name),
-    ),
+    { change: () => player.choose(select.value) },
+    replay.egos.map((ego) => h("option", { value: ego.name }, ego.name)),
   );
-  return h("p", {}, h("label", {}, replay.lot ? "kart " : "ego ", select));
+  const facts = h("div", { class: "chosen" });
+  player.onEgo = (ego) => {
+    select.value = ego.name;
+    fill(facts, told(ego));
+  };
+  player.onEgo(player.views[0].ego);
+  return [replay.egos.length > 1 && h("p", {}, h("label", {}, replay.lot ? "kart " : "ego ", select)), facts];
 }
 
 /** Why an ego has its score: how its drive ended, the factors, and the infractions, each of which seeks its moment. */

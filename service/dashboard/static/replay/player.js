@@ -36,8 +36,9 @@ export async function roads(network, [x0, y0, x1, y1]) {
  * Shows one replay in `place`, or several side by side that share clock, keys and zoom.
  * @param {HTMLElement} place
  * @param {{replay: any, map: any, agent: string, title?: Node}[]} loaded `agent` is the name that the submission has here
+ * @param {AbortSignal} [signal] stops them, so that others may take their place
  */
-export function play(place, loaded) {
+export function play(place, loaded, signal) {
   const drives = loaded.map(({ replay }) => new Drive(replay));
   const clock = new Clock(Math.max(...drives.map((drive) => drive.duration)), drives[0].dt);
   const given = readAddress();
@@ -52,11 +53,12 @@ export function play(place, loaded) {
     ),
   );
 
-  const views = stages.map(({ canvas }, i) => new View(canvas, drives[i], loaded[i].map, clock));
+  const views = stages.map(({ canvas }, i) => new View(canvas, drives[i], loaded[i].map, clock, signal));
   const chosen = () => (drives[0].egos.length > 1 ? views[0].ego.name : null);
   const link = () => address(clock, views[0].camera, chosen());
-  const write = writer(link);
-  const controls = new Controls(clock, views, link);
+  const write = writer(link, signal);
+  const controls = new Controls(clock, views, link, signal);
+  signal?.addEventListener("abort", () => clock.stop());
   for (const view of views) follow(view, given);
   if (loaded[0].map.lot && given.z === null) controls.cameras.whole();
   let shown = [];
@@ -85,16 +87,11 @@ export function play(place, loaded) {
   place.append(controls.element, timelines, h("p", { class: "note keys" }, help(names)));
   controls.cameras.show();
   clock.seek(given.t ?? 0);
-  addEventListener("hashchange", () => {
-    const now = readAddress();
-    for (const view of views) follow(view, now);
-    if (now.t !== null) clock.seek(now.t);
-    controls.cameras.show();
-  });
-  return {
+  const player = {
     clock,
     views,
     controls,
+    onEgo: () => {}, // is told the ego that is shown from now on
     choose(name) {
       for (const view of views) {
         const ego = view.drive.egos.find((one) => one.name === name);
@@ -102,8 +99,18 @@ export function play(place, loaded) {
       }
       show();
       clock.seek(clock.time);
+      player.onEgo(views[0].ego);
     },
   };
+  const move = () => {
+    const now = readAddress();
+    if (now.ego !== null && now.ego !== views[0].ego.name) player.choose(now.ego);
+    for (const view of views) follow(view, now);
+    clock.seek(now.t ?? clock.time);
+    controls.cameras.show();
+  };
+  addEventListener("hashchange", move, { signal });
+  return player;
 }
 
 /** Sets the ego and camera of a view from the address. */

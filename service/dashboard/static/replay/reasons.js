@@ -21,6 +21,8 @@ export class Reasons {
     this.tick = -1;
     this.busy = false;
     this.begun = false;
+    this.failed = false; // after a failure it waits for the next jump, start or stop
+    player.clock.onChange(() => (this.failed = false));
     player.clock.onFrame((time_s) => this.begun && this._follow(time_s));
     fill(place, this._invitation());
   }
@@ -70,12 +72,15 @@ export class Reasons {
     if (Math.abs(tick - this.tick) > STALE_TICKS) [this.view.plan, this.tick] = [null, -1];
     if (this.known.has(tick)) {
       if (tick !== this.tick || this.ego !== this.view.ego.name) this._show(tick);
-    } else if (!this.busy) {
+    } else if (!this.busy && !this.failed) {
       this.busy = true;
       setTimeout(() => (this.busy = false) || this.player.clock.request(), PAUSE_MS);
       this._ask(tick).then(
         () => this.player.clock.request(),
-        (error) => fill(this.place, h("p", { class: "reason" }, error.message)),
+        (error) => {
+          this.failed = true;
+          fill(this.place, h("p", { class: "reason" }, error.message));
+        },
       );
     }
   }

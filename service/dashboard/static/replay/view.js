@@ -19,8 +19,9 @@ export class View {
    * @param {import("./drive.js").Drive} drive
    * @param map geometry of the roads, or `lot`: what stands in a parking lot
    * @param {import("./clock.js").Clock} clock
+   * @param {AbortSignal} [signal] after which it watches nothing
    */
-  constructor(canvas, drive, map, clock) {
+  constructor(canvas, drive, map, clock, signal) {
     this.canvas = canvas;
     this.drive = drive;
     this.clock = clock;
@@ -32,7 +33,7 @@ export class View {
     this.onCamera = () => {};
     this.choose(drive.egos[0]);
     this.colours = readColours(canvas);
-    this._watch();
+    this._watch(signal);
     clock.onFrame((time_s) => this.draw(time_s));
   }
 
@@ -75,9 +76,13 @@ export class View {
     if (this.ego.route.length && drive.egos.length > 1) drawNames(c, drive, camera, colours);
   }
 
-  /** The camera follows the ego; after its last tick it stays there. */
+  /** The camera follows the ego; after its last tick it stays there. Of an ego that was never seen it shows the route's start. */
   _lookAtEgo(time_s) {
     const track = this.ego.track;
+    if (!track.count) {
+      if (this.ego.route.length) this.camera.lookAt(...this.ego.route[0]);
+      return;
+    }
     if (this.drive.shown[this.egoIndex]) {
       this.camera.lookAt(this.drive.x[this.egoIndex], this.drive.y[this.egoIndex]);
     } else {
@@ -144,13 +149,16 @@ export class View {
     c.globalAlpha = 1;
   }
 
-  _watch() {
-    new ResizeObserver(() => this._resize()).observe(this.canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  _watch(signal) {
+    const sizes = new ResizeObserver(() => this._resize());
+    sizes.observe(this.canvas);
+    signal?.addEventListener("abort", () => sizes.disconnect());
+    const recolour = () => {
       this.colours = readColours(this.canvas);
       this.scene.forget();
       this.clock.request();
-    });
+    };
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour, { signal });
     steer(this.canvas, this.camera, () => {
       this.onCamera();
       this.clock.request();
