@@ -291,7 +291,7 @@ def release_until_lucky(bob: Entrant, served: Served) -> None:
         assert "all count, also cancelled ones" in answer.json()["detail"]
     page = opened(bob.page, served, "/challenges/autumn")
     start_ranked(page, "bob-remote")
-    expect(page.locator("#team [role=alert]")).to_contain_text("all count, also cancelled ones")
+    expect(page.locator("#team .fields [role=alert]")).to_contain_text("all count, also cancelled ones")
 
 
 def forge_a_record(bob: Entrant, served: Served) -> None:

@@ -67,7 +67,7 @@ def test_a_spectator_sees_both_egos_move_and_pauses_steps_and_opens_the_replay(
         page = visit.page
         page.get_by_role("link", name=world).click()
         expect(page.locator("[role=status]")).to_contain_text("paused")
-        expect(page.locator(".command")).to_contain_text(f"{world} alice front")
+        expect(page.locator(".command")).to_contain_text(f"{world} front-driver front")
         for name, ego in (("alice", "front"), ("bob", "back")):
             workers.enter_context(worker(served, world, name, ego))
             expect(page.locator(".egos")).to_contain_text(name)
