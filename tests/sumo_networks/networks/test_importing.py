@@ -154,11 +154,15 @@ def test_a_killed_import_leaves_nothing(tmp_path: Path, osm: Path, home: Path) -
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     code = "import sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from dohyo.service.cli import main; main()"
-    process = Python(code, str(temporary), "networks", "import", str(osm), "--name", "killed")
-    process.wait_for(lambda: any(temporary.glob("dohyo-import-*/*")))
-    assert process.end(signal.SIGTERM) == 130
+    for number in range(5):  # on a busy machine an import may end before it is killed
+        before = written(home)
+        process = Python(code, str(temporary), "networks", "import", str(osm), "--name", f"killed-{number}")
+        process.wait_for(lambda: any(temporary.glob("dohyo-import-*/*")))
+        if (ended := process.end(signal.SIGTERM)) == 130:
+            break
+    assert ended == 130
     assert list(temporary.iterdir()) == []
-    assert written(home) == []
+    assert written(home) == before
 
 
 # Names
