@@ -40,7 +40,7 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
     count = session.config.getoption("processes")
     if count < 2 or session.testsfailed or session.config.option.collectonly or not session.items:
         return None
-    _Side(session, count).run()
+    _First(session, count).run()
     return True
 
 
@@ -72,7 +72,7 @@ def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
     pluginmanager.add_hookspecs(Hooks)
 
 
-class _Side:
+class _First:
     """The process that has collected: it starts the others, and reports what they tell."""
 
     def __init__(self, session: pytest.Session, count: int) -> None:

@@ -20,7 +20,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored behind
 sys.exit(pytest.main(sys.argv[1:]))
 """
 LIVELY = """
-import os, warnings
+import os
 import pytest
 
 @pytest.fixture(scope="module")

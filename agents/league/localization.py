@@ -16,8 +16,9 @@ FILTERS: Final = {"es-ekf": "ES-EKF (thesis C)", "ekf": "EKF", "ukf": "UKF"}
 RATES_HZ: Final = (10.0, 1.0, 0.2, 0.05)
 SIGMA_M: Final = 0.3
 TOLD: Final = (
-    "Share of a journey within 0.5 m of the truth, by the rate of fixes, whose error has a sigma of 0.3 m; "
-    "calibrated sensors. Filters meet no traffic, and so have no seeds of the league."
+    "Share of a journey within 0.5 m of the truth, by the rate of fixes, whose error has a sigma of 0.3 m. "
+    "Sensors are calibrated; n is the number of journeys. Filters meet no traffic, and so have no seeds of the league. The "
+    "UKF drove fewer journeys, so that it compares with the others on its own ones alone (all cells)."
 )
 
 
@@ -38,4 +39,5 @@ def _share(cells: list[Mapping[str, Any]], name: str, rate_hz: float) -> str:
         and one["correlated_share"] == 0.5
         and one["vibration"] == 0.0
     ]
-    return bracketed(Estimate(**found["accuracy"]))
+    accuracy = Estimate(**found["accuracy"])
+    return f"{bracketed(accuracy)} n={accuracy.n}"

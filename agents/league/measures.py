@@ -40,7 +40,7 @@ MEASURES: Final[Mapping[str, Measure]] = {
     "route_completion": Measure("route completion, %", _DRIVING),
     "irs": Measure("infraction rate score", _DRIVING),
     "closed_loop": Measure("closed-loop score", _DRIVING),
-    "aligned": Measure("aligned, % of successes", _PARKING, share=True),
+    "aligned": Measure("aligned, % of those parked, mean over lots", _PARKING, share=True),
     "time_s": Measure("time, s", _PARKING, lower=True),
     "mse": Measure("MSE x 1000", _FORECASTING, lower=True, digits=2),
     "speed_std_mps": Measure("deviation of all speeds, m/s", _FREEWAY, lower=True, digits=2),

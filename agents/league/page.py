@@ -34,7 +34,7 @@ _HEAD: Final = """# League
 
 {told} Edition {edition}, written from stored rows by `dohyo league table`.
 
-In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant."""
+In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant after a correction over all pairs of the discipline. With few drives that leaves many in bold who drive worse: their numbers tell more."""  # noqa: E501
 
 _RULES: Final = """## Rules
 

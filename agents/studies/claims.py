@@ -1,9 +1,9 @@
 """Claims: statements that one arm is above or below another, and what the paired rows say about them.
 
 A claim is judged by the differences of its arms on the scenarios that both drove, matched by training. The p-value is
-two-sided, see `crossed_bootstrap.p_value`; all claims of a list are corrected together (Holm 1979), so that the chance
-of any false verdict in the list is about 5 %. A list of twenty claims without correction has a false one in two of
-three studies.
+two-sided, see `crossed_bootstrap.p_value`; all claims of a list are corrected together (Holm 1979). The chance
+of any false verdict in the list is then about 5 % over scenarios; with three trainings it is 2 to 22 %, by how much
+these differ, see there. A list of twenty claims without correction has a false one in two of three studies.
 
 A claim about trained arms with fewer than three trainings is not resolved, as scenarios of one training say nothing
 about other seeds. It counts in the correction with a p-value of 1, so that it makes no other claim easier. Arms without

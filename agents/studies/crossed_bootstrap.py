@@ -29,6 +29,8 @@ Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
 _TAILS: Final = (0.025, 0.975)
 ALONE: Final = 0.05
 """What the means of several trainings alone must reach."""
+SAME: Final = 1e-4
+"""Share of their mean by which trainings may differ and still show no spread; a t-test would take it for certainty."""
 DECIMALS: Final = 9
 """Of resampled means: the last bits of a matrix product depend on the processor, and no table may."""
 
@@ -54,9 +56,12 @@ def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate] = me
 def dense_estimate(matched: Matched) -> Estimate:
     """The same without holes, also with a single training or scenario, which is then not resampled.
 
-    It draws indices instead of counts, so that its random numbers differ from those of `estimate`.
+    It draws indices instead of counts, so that its random numbers differ from those of `estimate`, which serves where
+    there are holes.
     """
     values = _table(matched).T
+    if not np.isfinite(values).all():
+        return estimate(matched)
     generator = np.random.default_rng(SEED)
     k, n = values.shape
     drawn = [
@@ -78,7 +83,7 @@ def p_value(matched: Matched) -> float:
     """
     table = _table(matched)
     n, k = table.shape
-    if n == 1 and np.ptp(table) == 0.0:
+    if n == 1 and np.ptp(table) <= SAME * abs(np.mean(table)):
         return sign_flips(table[0])
     over_scenarios = sign_flips(np.nanmean(table, axis=1)) if n > 1 else 0.0
     if k == 1:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,11 @@ def cell_of(row: Row) -> Cell:
 def is_lost(row: Row) -> bool:
     """Whether the cell was lost: by the machine, or in a gridlock of the traffic. Lost cells are in no mean."""
     return "lost" in row or str(row.get("status", "")).startswith("lost")
+
+
+def of_one_training(rows: Iterable[Row], trained: Collection[str]) -> list[Row]:
+    """Rows of arms whose shipped weights have a part in them, as those of one training; others may differ."""
+    return [{**row, "training_seed": 0} if row["arm"] in trained else row for row in rows]
 
 
 def matched(rows: Iterable[Row], arm: str, measure: str) -> Matched:

@@ -120,6 +120,12 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
     return found
 
 
+def unrecorded_drives(session: Session, evaluation_id: str) -> dict[str, int]:
+    """Number of an evaluation's drives that were lost without a record, by cell."""
+    lost = _lost_drives(session, [evaluation_id], {}).get(evaluation_id, {})
+    return {cell: sum(egos.values()) for cell, egos in lost.items()}
+
+
 def driver_of(submission: Submission) -> Driver:
     """A submission as a driver."""
     agent = submission.agent

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Annotated, Literal
 
 import msgspec
@@ -57,16 +56,14 @@ def _rescored(order: RescoringOrder, caller: Caller, services: Services, readers
         )
     with services.database.reading() as session:
         episodes = reading.recorded_episodes(session, order.evaluation)
-        lost = reading.entries(session, [order.evaluation])[order.evaluation].lost
+        unrecorded = reading.unrecorded_drives(session, order.evaluation)
     if not episodes:
         raise ConflictError(f"evaluation '{order.evaluation}' has no finished episode yet")
-    records = [record_of(services.settings, episode) for episode in episodes]
-    gridlocked = Counter(record.scenario.cell for record in records if record.lost for _ in record.egos)
     document = rescore(
-        records,
+        [record_of(services.settings, episode) for episode in episodes],
         rules=order.rules or readers.benchmark(version).rules,
         irs_lambda=order.irs_lambda,
         irs_length=order.irs_length,
-        unrecorded=Counter(lost) - gridlocked,
+        unrecorded=unrecorded,
     )
     return Response(msgspec.json.encode(document), media_type="application/json")

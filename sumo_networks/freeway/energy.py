@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from numba import njit, vectorize
 
 from dohyo.sumo_networks.arrays import FloatArray
 
-CUT_MPS = 9.16
+CUT_MPS: Final = 9.16
 """Speed above which an engine that brakes gets no fuel, m/s."""
-IDLE_G_S = 0.1637
+IDLE_G_S: Final = 0.1637
 
 
 @njit(cache=True)

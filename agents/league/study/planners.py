@@ -13,17 +13,17 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from dohyo.agents.mcts.study.arms import BEFORE, THESIS
+from dohyo.agents.mcts.study.arms import BEFORE, THESIS, is_trained
 from dohyo.agents.mcts.study.measures import EXCERPTS, SHARES, of_excerpt
 from dohyo.agents.mcts.study.tables import causes_table
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
-from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
 from dohyo.agents.studies.crossed_bootstrap import of_shares
 from dohyo.agents.studies.driving import prepare_excerpts, scored_excerpt
-from dohyo.agents.studies.rows import Row, by_arm
+from dohyo.agents.studies.rows import Row, by_arm, of_one_training
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample
-from dohyo.agents.studies.study import Results, Study, judging
+from dohyo.agents.studies.study import Results, Study
 from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.evaluation.statistics import mean_estimate
@@ -107,7 +107,14 @@ def causes_section(results: Results) -> str:
     return causes_table(results.kept, ARMS)
 
 
-judged = judging(CLAIMS)
+TRAINED: Final = frozenset(name for name, arm in ARMS.items() if is_trained(arm) or arm.agent == "pdm-hybrid")
+
+
+def judged(results: Results) -> list[Judgement]:
+    """The claims; those on planners with the shipped predictor are of one training."""
+    return judge_rows(CLAIMS, of_one_training(results.rows, TRAINED))
+
+
 STUDY: Final = Study(
     summary="planners on all excerpts of val14 that they were not developed on",
     room=Path(__file__).parents[1],

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final
 
-from dohyo.agents.mcts.study.arms import PLANNERS
+from dohyo.agents.mcts.study.arms import PLANNERS, TRAINED
 from dohyo.agents.mcts.study.losses import CAUSES
 from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES
 from dohyo.agents.studies.arms import Arm
 from dohyo.agents.studies.claims import Claim, Judgement, above, judge_rows, of_ablation
-from dohyo.agents.studies.rows import Row, by_arm
+from dohyo.agents.studies.rows import Row, by_arm, of_one_training
 from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_table, fixed, rounded
@@ -89,7 +89,7 @@ def tables(sample: Sample, rows: Sequence[Row], arms: Mapping[str, Arm]) -> str:
         f"On {_what(sample)}:",
         arms_table(rows, arms, columns, reported=sample.benchmark == "val14"),
         claims_table(
-            judge_rows(CLAIMS if excerpts else ROUTE_CLAIMS, rows),
+            judge_rows(CLAIMS if excerpts else ROUTE_CLAIMS, of_one_training(rows, TRAINED)),
             ("claim", "metric", "n"),
             rounded,
             {"metric": lambda one: columns[one.claim.measure]},
@@ -112,7 +112,8 @@ def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[st
 
 def judged(results: Results) -> list[Judgement]:
     """The claims on excerpts of recorded traffic."""
-    return judge_rows(CLAIMS, [row for row in results.rows if row["benchmark"] == "val14"])
+    excerpts = [row for row in results.rows if row["benchmark"] == "val14"]
+    return judge_rows(CLAIMS, of_one_training(excerpts, TRAINED))
 
 
 def causes_table(rows: Sequence[Row], planners: Iterable[str] = PLANNERS) -> str:

@@ -56,3 +56,15 @@ def test_an_interval_over_seeds_and_days_is_no_narrower_than_over_days_alone() -
     assert both.high - both.low > days.high - days.low
     flat = dense_estimate(crossing(np.full((3, 4), 2.0)))
     assert (flat.mean, flat.low, flat.high) == (2.0, 2.0, 2.0)
+
+
+def test_a_missing_value_makes_no_mean_that_is_no_number() -> None:
+    values = crossing(np.full((3, 4), 5.0))
+    del values[2,][1]  # type: ignore[attr-defined]
+    found = dense_estimate(values)
+    assert (found.mean, found.n) == (5.0, 11)
+
+
+@pytest.mark.parametrize("last", [100.0, 100.0001, 100.005])
+def test_three_trainings_that_hardly_differ_are_no_certainty(last: float) -> None:
+    assert crossed_bootstrap.p_value({("a",): {0: 100.0, 1: 100.0, 2: last}}) == 0.25

@@ -8,6 +8,7 @@ import pytest
 
 from dohyo.agents.mcts.config import Settings
 from dohyo.agents.mcts.study import study
+from dohyo.agents.mcts.study.arms import TRAINED
 from dohyo.agents.mcts.study.losses import CAUSES
 from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES, of_route
 from dohyo.agents.mcts.study.tables import CLAIMS, ROUTE_CLAIMS, section
@@ -64,11 +65,19 @@ def test_a_claim_is_judged_on_the_paired_scores(shift: float, word: str) -> None
     noise = (1.0, -2.0, 2.0, -1.0, 0.5, -0.5, 1.5, -1.5)
     text = table(
         Sample("val14"),
-        *rows("mbappe", "val14", *(50.0 + shift + one for one in noise)),
+        *rows("pdm-closed", "val14", *(50.0 + shift + one for one in noise)),
+        *rows("mbappe", "val14", *(80.0 + shift + one for one in noise)),
         *rows("idm", "val14", *[50.0] * 8),
     )
-    (claim,) = [line for line in text.splitlines() if line.startswith("| mbappe > idm")]
-    assert claim.endswith(f"| {word} |")
+    claims = {line.split(" | ")[0]: line for line in text.splitlines() if "> idm" in line}
+    assert claims["| pdm-closed > idm"].endswith(f"| {word} |")
+    # Its predictor was trained once.
+    assert claims["| mbappe > idm"].endswith("| not resolved: 1 training |")
+
+
+def test_an_arm_is_trained_where_the_predictor_has_a_part_in_it() -> None:
+    untrained = {"autopilot", "idm", "pdm-closed", "pdm-published", "alone-idm", "alone-constant_velocity"}
+    assert study.ARMS.keys() - TRAINED == untrained
 
 
 def test_excerpts_and_whole_routes_have_their_own_columns_and_only_val14_the_thesiss() -> None:
