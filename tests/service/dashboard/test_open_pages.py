@@ -44,18 +44,24 @@ def challenge(page: Page, phase: dict[str, Any], team: str | None = None) -> lis
     return asked
 
 
-def test_a_progress_that_was_refused_is_listened_to_again(visit: Visitor, site: Site) -> None:
-    one = visit()
+def refusing_once(page: Page, pattern: str) -> list[str]:
+    """Answers the first request of a pattern with 502, as a proxy does; returns it once it has come."""
     refused: list[str] = []
 
-    def refuse_once(route: Route) -> None:
+    def answer(route: Route) -> None:
         if refused:
             route.continue_()
             return
         refused.append(route.request.url)
         route.fulfill(status=502)
 
-    one.page.route("**/v1/evaluations/ev-live/progress", refuse_once)
+    page.route(pattern, answer)
+    return refused
+
+
+def test_a_progress_that_was_refused_is_listened_to_again(visit: Visitor, site: Site) -> None:
+    one = visit()
+    refused = refusing_once(one.page, "**/v1/evaluations/ev-live/progress")
     page = one.go("/evaluations/ev-live")
     bar = page.locator("[role=progressbar]")
     assert bar.get_attribute("aria-valuenow") == "4"
@@ -80,16 +86,7 @@ def test_an_evaluation_that_ended_while_its_progress_was_refused_is_shown_as_don
 def test_an_evaluation_is_read_again_after_a_read_that_failed(visit: Visitor, site: Site) -> None:
     one = visit()
     page = one.go("/evaluations/ev-live")
-    failed: list[str] = []
-
-    def fail_once(route: Route) -> None:
-        if failed:
-            route.continue_()
-            return
-        failed.append(route.request.url)
-        route.fulfill(status=502)
-
-    page.route("**/v1/evaluations/ev-live/episodes*", fail_once)
+    failed = refusing_once(page, "**/v1/evaluations/ev-live/episodes*")
     site.fake.queued.clear()
     expect(page.locator("#episodes tbody .status", has_text="queued")).to_have_count(0)
     assert failed
