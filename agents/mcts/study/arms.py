@@ -63,14 +63,13 @@ ARMS: Mapping[str, Arm] = MappingProxyType(
 """The base is `mbappe`: both priors, both constraints, the learned predictor, 1 s hold, and `BEFORE`. PDM-Closed is as
 it was then, too. Reported: the thesis's score on nuPlan's Val14, %."""
 LEARNERS: Final = ("mbappe", "random-shooting", "predictor-only")
-"""Agents that hold the shipped predictor, which is one training, unless their settings leave it out."""
+"""Agents that read a trained predictor, unless their settings name another one."""
 
 
 def is_trained(arm: Arm) -> bool:
-    """Whether the shipped predictor, or the prior that reads it, has a part in an arm."""
+    """Whether a trained network has a part in an arm: the predictor, whose ego is the learned prior, or the value."""
     predicts = arm.settings.get("predictor", "learned") == "learned"
-    prior = arm.agent == "mbappe" and arm.settings.get("prior", "both") in ("both", "learned")
-    return arm.agent in LEARNERS and (predicts or prior)
+    return arm.agent in LEARNERS and (predicts or arm.settings.get("value") == "network")
 
 
 TRAINED: Final = frozenset(name for name, arm in ARMS.items() if is_trained(arm))

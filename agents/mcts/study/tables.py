@@ -6,17 +6,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Final
 
-from dohyo.agents.mcts.study.arms import PLANNERS, TRAINED
+from dohyo.agents.mcts.study.arms import PLANNERS
 from dohyo.agents.mcts.study.losses import CAUSES
 from dohyo.agents.mcts.study.measures import EXCERPTS, ROUTES, SHARES
 from dohyo.agents.studies.arms import Arm
 from dohyo.agents.studies.claims import Claim, Judgement, above, judge_rows, of_ablation
-from dohyo.agents.studies.rows import Row, by_arm, of_one_training
+from dohyo.agents.studies.crossed_bootstrap import of_shares
+from dohyo.agents.studies.rows import Row, by_arm
 from dohyo.agents.studies.samples import Sample
 from dohyo.agents.studies.study import Results
-from dohyo.agents.studies.tables import claims_table, fixed, rounded
+from dohyo.agents.studies.tables import claims_table, mean_of, rounded
 from dohyo.evaluation.report.style import markdown
-from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
+from dohyo.evaluation.statistics import mean_estimate
 
 _above = partial(above, measure="score")
 CLAIMS: Final = (
@@ -89,7 +90,7 @@ def tables(sample: Sample, rows: Sequence[Row], arms: Mapping[str, Arm]) -> str:
         f"On {_what(sample)}:",
         arms_table(rows, arms, columns, reported=sample.benchmark == "val14"),
         claims_table(
-            judge_rows(CLAIMS if excerpts else ROUTE_CLAIMS, of_one_training(rows, TRAINED)),
+            judge_rows(CLAIMS if excerpts else ROUTE_CLAIMS, rows),
             ("claim", "metric", "n"),
             rounded,
             {"metric": lambda one: columns[one.claim.measure]},
@@ -103,17 +104,17 @@ def arms_table(rows: Sequence[Row], arms: Mapping[str, Arm], columns: Mapping[st
     """A row per arm, with the thesis's score if it is of this benchmark."""
     lines = []
     for name, own in by_arm(rows, arms).items():
-        found = [_estimate(own, measure) for measure in columns]
+        found = [mean_of(own, name, one, alone=of_shares if one in SHARES else mean_estimate) for one in columns]
         thesis = arms[name].reported
         theirs = ["" if thesis is None else f"{thesis}"] if reported else []
-        lines.append([name, *map(fixed, found), *theirs, str(found[0].n)])
+        lines.append([name, *found, *theirs, str(len(own))])
     return markdown(["arm", *columns.values(), *(["thesis"] if reported else []), "n"], lines)
 
 
 def judged(results: Results) -> list[Judgement]:
     """The claims on excerpts of recorded traffic."""
     excerpts = [row for row in results.rows if row["benchmark"] == "val14"]
-    return judge_rows(CLAIMS, of_one_training(excerpts, TRAINED))
+    return judge_rows(CLAIMS, excerpts)
 
 
 def causes_table(rows: Sequence[Row], planners: Iterable[str] = PLANNERS) -> str:
@@ -127,11 +128,6 @@ def causes_table(rows: Sequence[Row], planners: Iterable[str] = PLANNERS) -> str
             cells = [f"{sum(some) / len(driven[arm]):.1f} ({len(some)})" if some else "0" for arm, some in lost.items()]
             lines.append([told, *cells])
     return markdown(["points lost (in drives)", *driven], lines) if lines else ""
-
-
-def _estimate(rows: Sequence[Row], measure: str) -> Estimate:
-    values = [row[measure] for row in rows]
-    return share_estimate([value > 0.0 for value in values]) if measure in SHARES else mean_estimate(values)
 
 
 def _what(sample: Sample) -> str:
