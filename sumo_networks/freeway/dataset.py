@@ -1,7 +1,7 @@
-"""Dataset of the freeway: days of segment speeds in three sets of different days, as Parquet files; resumable.
+"""Dataset of the freeway: days of segment speeds in four sets of different days, as Parquet files; resumable.
 
-`train` and `easy` are whole days in meso, weekdays and weekends in turn; `hard` are mornings of dense congestion in
-micro, 440 minutes each.
+`train` and `easy` are whole days in meso, weekdays and weekends in turn; `hard` and `mornings` are mornings of dense
+congestion in micro, 440 minutes each, to test and to learn from.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ from dohyo.sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, dr
 from dohyo.sumo_networks.processes import worker_pool
 from dohyo.sumo_networks.simulation.process import sumo_version
 
-Split = Literal["train", "easy", "hard"]
-SPLITS: tuple[Split, ...] = ("train", "easy", "hard")
+Split = Literal["train", "easy", "hard", "mornings"]
+SPLITS: tuple[Split, ...] = ("train", "easy", "hard", "mornings")
+CONGESTED: tuple[Split, ...] = ("hard", "mornings")
 FACTS = "dataset.json"
 EASY_SHARE = 60 / 350
 HARD_START_S, HARD_MINUTES = 6.0 * 3600, 440
 HARD_DEMAND = (1.04, 1.06, 1.08, 1.10)
-"""Demand factors of the hard mornings in turn; each morning is congested for hours."""
+"""Demand factors of congested mornings in turn; each morning is congested for hours."""
 HARD_PEAK_WIDTH = 1.5
 
 
@@ -49,6 +50,7 @@ class DatasetRequest(Config):
         seed: Seed of all random numbers.
         probes: Share of the vehicles whose speed is reported.
         network: Catalog name of a freeway.
+        mornings: Number of congested mornings to learn from.
     """
 
     days: Annotated[int, Field(ge=0, le=9999)]
@@ -57,11 +59,12 @@ class DatasetRequest(Config):
     seed: Annotated[int, Field(ge=0)] = 0
     probes: Annotated[float, Field(gt=0, le=1)] = 0.15
     network: str = "freeway"
+    mornings: Annotated[int, Field(ge=0, le=9999)] = 0
 
     def number(self, split: Split) -> int:
         """Number of days of a set."""
         easy = max(2, round(self.days * EASY_SHARE)) if self.easy is None else self.easy
-        return {"train": self.days, "easy": easy, "hard": self.hard}[split]
+        return {"train": self.days, "easy": easy, "hard": self.hard, "mornings": self.mornings}[split]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,21 +98,22 @@ def day_orders(order: DatasetRequest) -> Iterator[DayOrder]:
         for number in range(1, order.number(split) + 1):
             what, drive, noise = np.random.SeedSequence(order.seed, spawn_key=(place, number)).spawn(3)
             day = draw_day((number - 1) % 7, what, road)
-            if split == "hard":
-                day = _hard(day, number)
+            congested = split in CONGESTED
+            if congested:
+                day = _congested(day, number)
             scenario = FreewayScenario(
                 network=order.network,
                 seed=int(drive.generate_state(1)[0]),
                 day=day,
-                start_s=HARD_START_S if split == "hard" else 0.0,
-                duration_s=HARD_MINUTES * MINUTE_S if split == "hard" else DAY_S,
-                warm_up_s=900.0 if split == "hard" else 0.0,
+                start_s=HARD_START_S if congested else 0.0,
+                duration_s=HARD_MINUTES * MINUTE_S if congested else DAY_S,
+                warm_up_s=900.0 if congested else 0.0,
                 probes=order.probes,
             )
-            yield DayOrder(split, number, "micro" if split == "hard" else "meso", scenario, noise)
+            yield DayOrder(split, number, "micro" if congested else "meso", scenario, noise)
 
 
-def _hard(day: Day, number: int) -> Day:
+def _congested(day: Day, number: int) -> Day:
     demand = HARD_DEMAND[(number - 1) % len(HARD_DEMAND)]
     return day.model_copy(update={"weekday": 1, "demand": demand, "peak_width": HARD_PEAK_WIDTH, "tau_factor": 1.0})
 

@@ -26,7 +26,7 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", "t", "index", "unnamed: 0")
-FOLDER_SETS = ("train", "easy", "hard")
+MEASURED_SETS = ("easy", "hard")
 NULLS = ["", "nan", "NaN", "NA", "null", "None", "-"]
 
 
@@ -53,8 +53,13 @@ class Format:
     trust_unit: bool = False
 
 
-def read_data(path: Path | Sequence[Path], how: Format | None = None) -> SpeedData:
+def read_data(path: Path | Sequence[Path], how: Format | None = None, learn: str = "train") -> SpeedData:
     """A folder of days, one table, or several tables of one road.
+
+    Args:
+        path: Of the folder or the tables.
+        how: Settings for reading.
+        learn: Days of a folder to train on and to validate with, such as its congested "mornings".
 
     Raises:
         InvalidInputError: See the module.
@@ -62,7 +67,7 @@ def read_data(path: Path | Sequence[Path], how: Format | None = None) -> SpeedDa
     how = how or Format()
     paths = _checked(path, how)
     if paths[0].is_dir():
-        return _read_folder(paths[0], how)
+        return _read_folder(paths[0], how, learn)
     grid, source = _read_grid(paths, how), str(paths[0])
     stretches = grid.stretches(paths[0].stem)
     try:
@@ -127,11 +132,11 @@ def read_day(path: Path) -> Stretch:
     return _read_day(path, Format())[0]
 
 
-def _read_folder(path: Path, how: Format) -> SpeedData:
+def _read_folder(path: Path, how: Format, learn: str) -> SpeedData:
     facts = _dataset_facts(path / "dataset.json")
     sets: dict[str, Sequence[Stretch]] = {}
     segments: tuple[str, ...] = ()
-    for name in FOLDER_SETS:
+    for name in (learn, *MEASURED_SETS):
         days = []
         for file in sorted((path / name).glob("*.parquet")):
             day, columns = _read_day(file, how)
@@ -141,11 +146,11 @@ def _read_folder(path: Path, how: Format) -> SpeedData:
             days.append(day)
         if days:
             sets[name] = days
-    if "train" not in sets:
-        raise InvalidInputError(f"'{path}': expected days in '{path / 'train'}', found no *.parquet")
+    if learn not in sets:
+        raise InvalidInputError(f"'{path}': expected days in '{path / learn}', found no *.parquet")
     everything = [day for days in sets.values() for day in days]
     check_speeds(everything, segments, str(path), how.unit, how.max_missing, how.trust_unit)
-    train, validation = hold_out_days(sets["train"])
+    train, validation = hold_out_days(sets.pop(learn))
     step_s = float(facts.get("step_s", facts.get("time_step_s", 60.0)))
     lag = float(facts.get("lag_min", facts.get("lag_minutes", 0.0)) or 0.0)
     return SpeedData(segments, step_s, {**sets, "train": train, "validation": validation}, lag, str(path))

@@ -1,3 +1,3 @@
-"""The study of forecasters: arms, tables, figures, and the time of a forecast."""
+"""Studies of forecasters: arms, tables, figures, and the time of a forecast."""
 
-STUDIES = {"forecasting": "study"}
+STUDIES = {"forecasting": "study", "forecasting-mornings": "mornings"}

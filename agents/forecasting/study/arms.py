@@ -16,6 +16,8 @@ BALANCED = 0.001
 """Weight of the Laplacian loss that makes it as large as the squared error."""
 LONG = 10
 """Factor of the steps in the long runs, which show whether the Laplacian loss needs longer training."""
+PHASES = 4
+"""Phases of the n-step's training, and so the factor that gives all others as many steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class Variant:
         if self.name in (*SIMPLE, *OWN):
             return self.name
         loss = "mse" if self.depth is None else f"lap{self.depth}"
-        balanced, long = "-balanced" * (self.weight != 1.0), "-long" * (self.length > 1)
+        balanced, long = "-balanced" * (self.weight != 1.0), {1: "", LONG: "-long"}.get(self.length, f"-x{self.length}")
         return f"{self.name}-{loss}{balanced}{long}"
 
 
@@ -55,4 +57,20 @@ def _variants() -> Iterator[Variant]:
     yield from (Variant("sa-lstm", depth, length=LONG) for depth in (None, DEPTH))
 
 
+def _equal() -> Iterator[Variant]:
+    """Arms with as many steps as the n-step's phases have together: networks with both losses, depths, and ways."""
+    yield from (Variant(name) for name in SIMPLE)
+    for name, depth in product(("tsmixer", *COMPARED), (None, DEPTH)):
+        yield Variant(name, depth, length=PHASES)
+    yield from (Variant("sa-lstm", depth, length=PHASES) for depth in DEPTHS if depth != DEPTH)
+    for weight in (1.0, BALANCED):
+        yield Variant("sa-lstm-all-at-once", DEPTH, weight, PHASES)
+        yield Variant("sa-lstm-n-step", DEPTH, weight)
+    yield Variant("sa-lstm", DEPTH, BALANCED, PHASES)
+    yield Variant(Quantiles.name, DEPTH, BALANCED)
+
+
 ARMS: Mapping[str, Variant] = MappingProxyType({one.arm: one for one in _variants()})
+"""Arms that learn from whole days in meso."""
+EQUAL: Mapping[str, Variant] = MappingProxyType({one.arm: one for one in _equal()})
+"""Arms that learn from congested mornings in micro."""

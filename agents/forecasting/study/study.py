@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 
 from dohyo.agents.forecasting.data.reading import read_data
 from dohyo.agents.forecasting.registry import SIMPLE
-from dohyo.agents.forecasting.study.arms import ARMS, COMPARED
+from dohyo.agents.forecasting.study.arms import ARMS, COMPARED, EQUAL, Variant
 from dohyo.agents.forecasting.study.lab import Lab
 from dohyo.agents.forecasting.study.latency import of_network
 from dohyo.agents.forecasting.study.tables import TABLES, judged
@@ -39,17 +39,24 @@ class Options(Config):
         data: Folder of days, or a table.
         steps: Of each phase of a training.
         models: Folder of the trained forecasters.
+        learn: Days of the folder to learn from: whole ones in meso, or congested mornings in micro.
     """
 
     data: Path
     steps: int = 200
     models: Path = Path("out/forecasting")
+    learn: Literal["train", "mornings"] = "train"
+
+    @property
+    def arms(self) -> Mapping[str, Variant]:
+        """The arms that learn from these days."""
+        return {"train": ARMS, "mornings": EQUAL}[self.learn]
 
 
 @cache
 def _lab(options: Options) -> Lab:
     torch.set_num_threads(1)
-    data = read_data(options.data)
+    data = read_data(options.data, learn=options.learn)
     if not data.measured_sets:
         raise InvalidInputError(f"'{data.source}': expected test days in easy/ and hard/, got none")
     return Lab(data, options.models, options.steps)
@@ -59,14 +66,14 @@ def cells(options: Options) -> list[Cell]:
     """Every arm, seed and day; simple forecasters have no seed."""
     data = _lab(options).data
     days = [Place(name, f"{day:02}", None) for name in data.measured_sets for day in range(len(data.sets[name]))]
-    learned = [arm for arm in ARMS if arm not in SIMPLE]
+    learned = [arm for arm in options.arms if arm not in SIMPLE]
     return cells_of((Block([*SIMPLE], (None,), days), *(Block(learned, (seed,), days) for seed in TRAININGS)))
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
     """Trains a forecaster, unless it is stored, and measures it on every day of the job's sets."""
     lab, first = _lab(options), job[0]
-    forecaster = lab.forecaster(ARMS[first.arm], first.training_seed or 0)
+    forecaster = lab.forecaster(options.arms[first.arm], first.training_seed or 0)
     for name in dict.fromkeys(cell.benchmark for cell in job):
         for day, measured in enumerate(lab.measures(forecaster, name)):
             yield {"benchmark": name, "scenario": f"{day:02}", **measured}

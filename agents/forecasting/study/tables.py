@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Final
 
@@ -64,10 +64,10 @@ def networks(results: Results) -> str:
         ms = results.facts["latency_ms"][f"{name}, 1"]
         times = [f"{thesis[4]}", f"{ms['torch']:.2f}", f"{ms['onnx']:.3f}"]
         for loss, said, shown in (("mse", "no", thesis[:2]), ("lap3", "yes", thesis[2:4])):
-            easy, hard = (_cell(results, f"{name}-{loss}", kind) for kind in SETS)
+            easy, hard = (cell(results, f"{name}-{loss}", kind) for kind in SETS)
             rows.append([NAMES[name], said, f"{shown[0]:.2f}", easy, f"{shown[1]:.2f}", hard, *times])
     for name in ("persistence", "linear", "tsmixer-mse"):
-        easy, hard = (_cell(results, name, kind) for kind in SETS)
+        easy, hard = (cell(results, name, kind) for kind in SETS)
         rows.append([name.removesuffix("-mse"), "no", "", easy, "", hard, "", "", ""])
     head = ["t+1 (tables 6.1, 6.3)", "Lap3", "Easy, thesis", "Easy, ours", "Hard, thesis", "Hard, ours"]
     return markdown([*head, "ms, thesis", "ms, torch", "ms, ONNX"], rows)
@@ -79,7 +79,7 @@ def depths(results: Results) -> str:
     rows = []
     for kind, thesis in THESIS_62.items():
         rows.append([f"{kind.capitalize()}, thesis", "", *(f"{one:.2f}" for one in thesis), ""])
-        rows.append([f"{kind.capitalize()}, ours", *(_cell(results, arm, kind) for arm in arms)])
+        rows.append([f"{kind.capitalize()}, ours", *(cell(results, arm, kind) for arm in arms)])
     head = ["SA-LSTM, t+1 (table 6.2)", "MSE alone", *(f"depth {depth}" for depth in range(5)), "depth 3, balanced"]
     return markdown(head, rows)
 
@@ -88,7 +88,7 @@ def lengths(results: Results) -> str:
     """Whether the loss as printed needs longer training."""
     steps = results.facts["steps"]
     rows = [
-        [label, f"{times * steps}", *(_cell(results, f"sa-lstm-{loss}{suffix}", kind) for kind in SETS)]
+        [label, f"{times * steps}", *(cell(results, f"sa-lstm-{loss}{suffix}", kind) for kind in SETS)]
         for loss, label in (("mse", "MSE alone"), ("lap3", "MSE + Lap3"))
         for suffix, times in (("", 1), ("-long", 10))
     ]
@@ -104,7 +104,7 @@ def ways(results: Results) -> str:
         for kind, shown in zip(SETS, thesis, strict=True):
             theirs = " / ".join(f"{one:.2f}" for one in shown)
             for loss, suffix in (("as printed", ""), ("balanced", "-balanced")):
-                cells = [_cell(results, f"{arm}{suffix}", kind, row) for row in AHEAD]
+                cells = [cell(results, f"{arm}{suffix}", kind, row) for row in AHEAD]
                 rows.append([name, kind.capitalize(), theirs, loss, *cells, took])
     head = ["table 6.4", "set", "thesis: t+1 / 2 / 3", "Lap3", "ours: t+1", "t+2", "t+3"]
     return markdown([*head, "ms: thesis / torch / ONNX"], rows)
@@ -117,17 +117,17 @@ def others(results: Results) -> str:
     for name, kind in product(shown, SETS):
         kmh = [results.facts["free_kmh"] * np.sqrt(_mean(results, name, kind, f"mse_{row}") / 1e3) for row in AHEAD]
         true = [_mean(results, name, kind, f"mse_true_{row}") for row in AHEAD]
-        cells = [_cell(results, name, kind, row) for row in AHEAD]
+        cells = [cell(results, name, kind, row) for row in AHEAD]
         cells += [" / ".join(number(float(one)) for one in some) for some in (kmh, true)]
         rows.append([name.removesuffix("-mse"), kind.capitalize(), *cells])
     head = ["beyond the thesis", "set", "t+1", "t+2", "t+3", "RMSE, km/h, t+1 / 2 / 3"]
     return markdown([*head, "MSE x 10^3 of all vehicles' speed"], rows)
 
 
-def intervals(results: Results) -> str:
-    """Coverage of the calibrated intervals."""
+def intervals(results: Results, kinds: Sequence[str] = SETS) -> str:
+    """Coverage of the calibrated intervals on some sets."""
     rows = []
-    for kind, row in product(SETS, AHEAD):
+    for kind, row in product(kinds, AHEAD):
         inside, width = (
             bracketed(dense_estimate(values(results, "sa-lstm-quantiles", kind, f"{measure}_{row}")))
             for measure in ("coverage", "width_kmh")
@@ -138,15 +138,20 @@ def intervals(results: Results) -> str:
 
 def claims(results: Results) -> str:
     """Verdict on each claim."""
+    return verdicts(results, judged(results))
+
+
+def verdicts(results: Results, found: Sequence[Judgement]) -> str:
+    """A row per claim, with the difference as a share of the right arm's error."""
 
     def shown(one: Judgement) -> str:
         right = _mean(results, one.claim.right, one.claim.where, one.claim.measure)
-        found, n = one.difference, len(one.trainings)
-        mean, low, high = (_signed(value or 0.0) for value in (found.mean, found.low, found.high))
-        relative = 100.0 * (found.mean or 0.0) / right
+        apart, n = one.difference, len(one.trainings)
+        mean, low, high = (_signed(value or 0.0) for value in (apart.mean, apart.low, apart.high))
+        relative = 100.0 * (apart.mean or 0.0) / right
         return f"{mean} [{low}, {high}] ({relative:+.0f} %, {n} seed{'s' * (n > 1)})"
 
-    return claims_table(judged(results), ("claim", "set"), shown, {"set": lambda one: one.claim.where.capitalize()})
+    return claims_table(found, ("claim", "set"), shown, {"set": lambda one: one.claim.where.capitalize()})
 
 
 def directions() -> Iterator[Claim]:
@@ -209,7 +214,7 @@ def _signed(value: float) -> str:
     return f"{value:+.2f}" if abs(value) >= 0.1 else f"{value:+.3f}"
 
 
-def _cell(results: Results, arm: str, kind: str, row: int = 1) -> str:
+def cell(results: Results, arm: str, kind: str, row: int = 1) -> str:
     """Mean and interval, with the number of seeds if some are missing."""
     some = values(results, arm, kind, f"mse_{row}")
     if not some:

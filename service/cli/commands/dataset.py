@@ -87,16 +87,17 @@ def priboot(
 
 
 def freeway(
-    days: Annotated[int, typer.Option(min=1, help="Training days, simulated mesoscopically.")],
+    days: Annotated[int, typer.Option(min=0, help="Training days, simulated mesoscopically.")],
     out: Annotated[Path, typer.Option(help="Folder; existing days are kept.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     easy: Annotated[int | None, typer.Option(min=0, help="Whole test days; default: 60 for 350 training days.")] = None,
     hard: Annotated[int, typer.Option(min=0, help="Congested test mornings, simulated microscopically.")] = 4,
+    mornings: Annotated[int, typer.Option(min=0, help="Congested mornings like these to learn from.")] = 0,
     probes: Annotated[float, typer.Option(min=0.001, max=1, help="Share of the vehicles that report speeds.")] = 0.15,
     workers: Annotated[int, typer.Option(min=1, help="Processes; each simulates one day at a time.")] = 1,
 ) -> None:
     """Simulates days of segment speeds on the freeway. Each day is written when it is complete."""
-    order = DatasetRequest(days=days, easy=easy, hard=hard, seed=seed, probes=probes)
+    order = DatasetRequest(days=days, easy=easy, hard=hard, mornings=mornings, seed=seed, probes=probes)
     columns = (TextColumn("driven"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total} days"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("freeway", total=None)

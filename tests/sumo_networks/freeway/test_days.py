@@ -132,8 +132,8 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[FreewayScenario]:
 
 
 def test_the_sets_are_those_of_the_thesis(tmp_path: Path, driven: list[FreewayScenario]) -> None:
-    assert make_dataset(DatasetRequest(days=3, easy=2, hard=4), tmp_path) == 9
-    for split, number, minutes in (("train", 3, 1440), ("easy", 2, 1440), ("hard", 4, 440)):
+    assert make_dataset(DatasetRequest(days=3, easy=2, hard=4, mornings=2), tmp_path) == 11
+    for split, number, minutes in (("train", 3, 1440), ("easy", 2, 1440), ("hard", 4, 440), ("mornings", 2, 440)):
         files = sorted((tmp_path / split).glob("*"))
         assert [file.name for file in files] == [f"day-{day:04}.parquet" for day in range(1, number + 1)]
         table = pl.read_parquet(files[0])
@@ -148,8 +148,8 @@ def test_the_sets_are_those_of_the_thesis(tmp_path: Path, driven: list[FreewaySc
     facts = json.loads((tmp_path / "dataset.json").read_text())
     assert facts["units"] == "m/s"
     assert len(facts["lengths_m"]) == 21
-    assert facts["days"] == {"train": 3, "easy": 2, "hard": 4}
-    assert len({scenario.seed for scenario in driven}) == 9
+    assert facts["days"] == {"train": 3, "easy": 2, "hard": 4, "mornings": 2}
+    assert len({scenario.seed for scenario in driven}) == 11
 
 
 def test_what_is_there_is_kept_and_more_days_change_no_day(tmp_path: Path, driven: list[FreewayScenario]) -> None:
@@ -199,6 +199,15 @@ def test_hard_mornings_are_dense_weekdays_in_micro() -> None:
     assert all(one.scenario.day.weekday < 5 and one.scenario.day.demand >= 1 for one in hard)
     assert {one.scenario.day.weekday for one in train} == set(range(7))
     assert {one.scale for one in train} == {"meso"}
+
+
+def test_mornings_to_learn_from_are_drawn_as_the_hard_ones_and_are_others() -> None:
+    orders = list(day_orders(DatasetRequest(days=0, easy=0, hard=3, mornings=3)))
+    hard, mornings = ([one for one in orders if one.split == split] for split in ("hard", "mornings"))
+    assert {one.scale for one in mornings} == {"micro"}
+    assert [one.scenario.day.demand for one in mornings] == [one.scenario.day.demand for one in hard]
+    assert not {one.scenario.seed for one in mornings} & {one.scenario.seed for one in hard}
+    assert {one.scenario.duration_s for one in mornings} == {440 * 60.0}
 
 
 @pytest.mark.slow

@@ -1,0 +1,55 @@
+"""The study on congested mornings: what it learns from, and that all arms have as many updates as the n-step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dohyo.agents.forecasting.data.reading import read_data
+from dohyo.agents.forecasting.registry import SIMPLE
+from dohyo.agents.forecasting.study import mornings, study
+from dohyo.agents.forecasting.study.arms import EQUAL, PHASES
+from dohyo.agents.studies.study import Results
+from dohyo.evaluation.report.style import MISSING
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.forecasting.roads import write_folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Mornings of one road, and test days of another; nothing in train/."""
+    made = write_folder(tmp_path_factory.mktemp("data"), days=3, rows=40, segments=4)
+    (made / "train").rename(made / "mornings")
+    return made
+
+
+def test_it_learns_from_the_mornings_alone(folder: Path) -> None:
+    data = read_data(folder, learn="mornings")
+    assert [one.name for one in data.sets["train"]] == ["mornings/day-0001", "mornings/day-0002"]
+    assert [one.name for one in data.sets["validation"]] == ["mornings/day-0003"]
+    with pytest.raises(InvalidInputError, match=r"expected days in '.*/train'"):
+        read_data(folder)
+
+
+def test_every_claim_is_of_arms_and_all_have_equal_updates() -> None:
+    claimed = {arm for claim in mornings.claims() for arm in (claim.left, claim.right)}
+    assert claimed <= set(EQUAL)
+    for arm in claimed - set(SIMPLE):
+        one = EQUAL[arm]
+        assert one.length * (PHASES if one.name == "sa-lstm-n-step" else 1) == PHASES, arm
+
+
+def test_the_rows_of_a_run_make_the_tables(folder: Path, tmp_path: Path) -> None:
+    options = mornings.Options(data=folder, steps=1, models=tmp_path)
+    rows = []
+    for arm in EQUAL:
+        own = [cell for cell in mornings.STUDY.cells(options) if cell.arm == arm and not cell.training_seed]
+        measured = study.work(options, own)
+        rows += [cell._asdict() | row for cell, row in zip(own, measured, strict=True)]
+    assert {row["benchmark"] for row in rows if row["arm"] == "sa-lstm-quantiles"} == {"easy", "hard"}
+    facts = {"seeds": [0], "steps": 1, "training_s": 60.0, "free_kmh": 100.0, "stretches": {}, "windows": {}}
+    text = mornings.section(Results(rows, facts))
+    assert "| SA-LSTM | 4.52 |" in text
+    assert MISSING not in text.split("| claim |")[0]
+    assert mornings.section(Results([], {})) == ""
