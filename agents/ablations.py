@@ -3,7 +3,7 @@
     python -m dohyo.agents.ablations                            # prints the page
     python -m dohyo.agents.ablations --out docs/ablations.md
 
-A comparison is decided by claims of one study, which name it by its number. What no stored rows decide says so.
+A comparison is decided by claims of studies, which name it by its number. What no stored rows decide says so.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Ablation(Config):
         system: What is compared.
         asks: The arms.
         told: The thesis's result.
-        study: Name of the study whose claims decide it; "": none.
+        studies: Names of the studies whose claims decide it.
         tables: Sections that tell it beside claims, as "study:section".
         page: Page of the results, relative to `docs/`.
         found: What is known without claims, or beyond them; "": nothing.
@@ -53,7 +53,7 @@ class Ablation(Config):
     system: str
     asks: str
     told: str
-    study: str = ""
+    studies: tuple[str, ...] = ()
     tables: tuple[str, ...] = ()
     page: str
     found: str = ""
@@ -94,7 +94,7 @@ def ablations() -> list[Ablation]:
 def decided() -> list[Decided]:
     """All comparisons with their verdicts."""
     return [
-        Decided(one, [found for found in _judged(one.study) if found.claim.ablation == one.number] if one.study else [])
+        Decided(one, [found for name in one.studies for found in _judged(name) if found.claim.ablation == one.number])
         for one in ablations()
     ]
 
@@ -154,9 +154,8 @@ def _section(one: Decided) -> str:
     told = f"{ablation.asks} The thesis: {ablation.told}"
     lines = [[str(each.claim), _where(each), bracketed(each.difference), _p(each), each.verdict] for each in one.judged]
     table = markdown(["claim", "on", "paired difference", "p (Holm)", "verdict"], lines) if lines else ""
-    links = f"[All results]({ablation.page})." + (
-        f" `python -m dohyo.agents.studies {ablation.study} table`" if lines else ""
-    )
+    commands = [f"`python -m dohyo.agents.studies {name} table`" for name in ablation.studies if _judged(name)]
+    links = f"[All results]({ablation.page}). {', '.join(commands if lines else [])}".strip()
     sections = [_table(name) for name in ablation.tables]
     parts = (f"### {_heading(ablation)}", told, table, *sections, ablation.found, ablation.because, links)
     return "\n\n".join(part for part in parts if part)
