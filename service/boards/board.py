@@ -31,6 +31,7 @@ def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: 
             **facts[place.contender.evaluation],
             "runs": runs.get(place.contender.entrant, 0),
             "thrown_away": thrown_away.get(place.contender.entrant, 0),
+            "lost_too_many": place.contender.lost_too_many,
             "above": compare_places(place.contender, places[index - 1].contender) if index else None,
         }
         for index, place in enumerate(page, start)
@@ -72,31 +73,38 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
     return found
 
 
-_ENTRANT = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
-
-
 def _runs(session: Session, ranking: Ranking, entrants: Sequence[str]) -> Mapping[str, int]:
     """Number of ordered runs of each entrant, also of those that failed or were cancelled."""
-    query = select(_ENTRANT, func.count()).where(Evaluation.ranking_id == ranking.id, _of(entrants))
-    return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
+    entrant, of_entrants = _entrant(ranking, entrants)
+    query = (
+        select(entrant, func.count())
+        .select_from(Evaluation)
+        .join(Submission, Submission.id == Evaluation.submission_id)
+        .where(Evaluation.ranking_id == ranking.id, of_entrants)
+    )
+    return {row[0]: row[1] for row in session.execute(query.group_by(entrant))}
 
 
 def _thrown_away(session: Session, ranking: Ranking, entrants: Sequence[str]) -> Mapping[str, int]:
     """Number of attempts that each entrant left or cancelled, over all its runs."""
+    entrant, of_entrants = _entrant(ranking, entrants)
     query = (
-        select(_ENTRANT, func.count())
+        select(entrant, func.count())
         .select_from(Attempt)
         .join(Episode, Episode.id == Attempt.episode_id)
         .join(Evaluation, Evaluation.id == Episode.evaluation_id)
-        .where(Attempt.charged, Evaluation.ranking_id == ranking.id, _of(entrants))
+        .join(Submission, Submission.id == Evaluation.submission_id)
+        .where(Attempt.charged, Evaluation.ranking_id == ranking.id, of_entrants)
     )
-    return {row[0]: row[1] for row in session.execute(query.group_by(_ENTRANT))}
+    return {row[0]: row[1] for row in session.execute(query.group_by(entrant))}
 
 
-def _of(entrants: Sequence[str]) -> ColumnElement[bool]:
-    """Condition on `Evaluation`: a run of one of the entrants; in columns that have an index."""
+def _entrant(ranking: Ranking, entrants: Sequence[str]) -> tuple[ColumnElement[Any], ColumnElement[bool]]:
+    """Entrant of an `Evaluation` with its `Submission`; and whether it is one of these, in columns with an index."""
+    if ranking.challenge_id is None:
+        return Submission.agent_id.expression, Submission.agent_id.in_(entrants)
     alone = Evaluation.team_id.is_(None) & Evaluation.submission_id.in_(entrants)
-    return Evaluation.team_id.in_(entrants) | alone
+    return func.coalesce(Evaluation.team_id, Evaluation.submission_id), Evaluation.team_id.in_(entrants) | alone
 
 
 @lru_cache(maxsize=20_000)  # contenders are compared by identity, and live as long as their ranking is in memory

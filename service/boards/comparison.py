@@ -41,12 +41,17 @@ def compare_entries(entries: Sequence[Entry], metric: str) -> dict[str, Any]:
 
 
 def differing_scenarios(entries: Sequence[Entry], metric: str, most: int = SCENARIOS) -> list[dict[str, Any]]:
-    """The scenarios with the largest spread of a score, ties by the driving score's, then by name and seed."""
+    """The scenarios with the largest spread of a score, ties by the driving score's, then by name and seed.
+
+    Those that a side failed without a score are left out.
+    """
     sides, second = [_by_scenario(entry) for entry in entries], _second(entries, metric)
     common = set.intersection(*(set(side) for side in sides))
     found = []
     for scenario, seed in common:
         drives = [side[scenario, seed] for side in sides]
+        if not all(metric in scores_of(some) for some in drives):
+            continue  # a day or morning on which the agent failed has no score
         values = [_mean([drive.score(metric) for drive in some]) for some in drives]
         scores = [_mean([drive.score(second) for drive in some]) for some in drives]
         found.append(

@@ -13,7 +13,6 @@ import numpy as np
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.evaluation.statistics import Estimate, significantly_below
-from dohyo.service.boards.model import Counts
 from dohyo.service.evaluations.scoring import (
     CLOSED_LOOP_SCORES,
     FORECAST_SCORES,
@@ -29,6 +28,8 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
 OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES, *FORECAST_SCORES)
 """Columns of benchmarks that rank by nuPlan's score or one of its terms, of mornings, parking lots and forecasts."""
+LOST_SHARE: Final = 0.1
+"""Largest share of its drives that a run with a rank has lost: else the mean of a few drives would beat all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,11 +125,11 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contender:
-    """A complete run that is its entrant's place, with as little as ranking needs.
+    """A complete run that may be its entrant's place, with as little as ranking needs.
 
     Attributes:
         evaluation: Identifier of the run.
-        entrant: Identifier of the place: a team or a submission.
+        entrant: Identifier of the place: a team, in an open ranking an agent, or the submission of a baseline.
         baseline: Whether it stands on the board without a rank.
         track: Which sensors its agent may use.
         score: Mean of the headline score.
@@ -144,6 +145,16 @@ class Contender:
     ordered: datetime
     values: FloatArray
 
+    @property
+    def lost(self) -> int:
+        """Number of lost drives."""
+        return int(np.isnan(self.values).sum())
+
+    @property
+    def lost_too_many(self) -> bool:
+        """Whether the run has no rank since it lost more than `LOST_SHARE` of its drives."""
+        return self.lost > LOST_SHARE * len(self.values)
+
     def common(self, other: Contender) -> BoolArray:
         """(drives,) which drives of two runs both count; none where the runs have not the same drives."""
         if self.values.shape != other.values.shape:
@@ -157,7 +168,8 @@ class Place:
     """A place on the leaderboard.
 
     Attributes:
-        rank: Shared by all that do not differ significantly from the best of the rank; None: a baseline.
+        rank: Shared by all that do not differ significantly from the best of the rank; None: a baseline, or a run that
+            lost too many drives.
         contender: The run.
     """
 
@@ -165,12 +177,15 @@ class Place:
     contender: Contender
 
 
-def places_of(runs: Iterable[Contender], counts: Counts) -> list[Contender]:
-    """The run of each entrant that counts, the highest score first; of equal scores, the earlier order."""
+def places_of(runs: Iterable[Contender]) -> list[Contender]:
+    """The best run of each entrant, the highest score first; of equal scores, the earlier order.
+
+    Runs that lost too many drives are below all others, those with the fewest lost drives first.
+    """
     best: dict[str, Contender] = {}
-    for run in sorted(runs, key=(_by_score if counts is Counts.BEST else _by_time)):
+    for run in sorted(runs, key=_by_score):
         best.setdefault(run.entrant, run)
-    return sorted(best.values(), key=_by_score)
+    return list(best.values())
 
 
 @dataclass(slots=True)
@@ -186,7 +201,7 @@ class Ranks:
         """Places in the order of the contenders, which is that of `places_of`."""
         if len(self._lower) > _MOST_VERDICTS * (len(contenders) + 1):
             self._lower.clear()
-        ranked = [one for one in contenders if not one.baseline]
+        ranked = [one for one in contenders if not (one.baseline or one.lost_too_many)]
         ranks: dict[str, int] = {}
         start = 0
         while start < len(ranked):
@@ -248,7 +263,7 @@ def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, family: Family) -> st
     """The leaderboard as CSV: a line per row of its document, each score with the ends of its interval."""
     columns = columns_of(metric, family)
     header = ["rank", "team", "agent", "version", "owner", "kind", "verified", "baseline", "track", "evaluation"]
-    header += ["runs", "thrown_away", "seeds", "drives", "lost"]
+    header += ["runs", "thrown_away", "seeds", "drives", "lost", "lost_too_many"]
     lines: list[list[object]] = []
     for row in rows:
         ends = [row["scores"].get(name, {}).get(end) for name in columns for end in ("mean", "low", "high")]
@@ -258,9 +273,5 @@ def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, family: Family) -> st
     return csv_text([*header, "metric", *names, "verdict_above", "probability_above"], lines)
 
 
-def _by_score(run: Contender) -> tuple[float, datetime, str]:
-    return -run.score, run.ordered, run.evaluation
-
-
-def _by_time(run: Contender) -> tuple[datetime, str]:
-    return run.ordered, run.evaluation
+def _by_score(run: Contender) -> tuple[int, float, datetime, str]:
+    return run.lost if run.lost_too_many else 0, -run.score, run.ordered, run.evaluation

@@ -16,7 +16,8 @@ class Counts(StrEnum):
     """Which run of an entrant is its place, once it is complete.
 
     FIRST: the one ordered first, also where it was cancelled: it may be resumed. BEST: the one of the highest headline
-    score.
+    score. An entrant is a team. In an open ranking it is an agent: FIRST then holds for each of its versions, of which
+    the best is its place.
     """
 
     BEST = "best"
@@ -104,7 +105,8 @@ class Result(Base):
     Attributes:
         evaluation_id: The run.
         ranking_id: Its ranking.
-        entrant: Identifier of the place: the team in a challenge, else the submission (also of a baseline).
+        entrant: Identifier of what `Counts.FIRST` holds for: the team in a challenge, else the submission (also of a
+            baseline).
         track: Which sensors the agent may use.
         score: Mean of the headline score.
         ordered: Time of the order.

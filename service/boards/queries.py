@@ -38,9 +38,9 @@ def recorded_episodes(session: Session, evaluation_id: str) -> list[Episode]:
 
 
 def first_orders(session: Session, ranking_id: str) -> dict[str, datetime]:
-    """Time of the first order of each entrant of a ranking, whatever became of that run."""
-    entrant = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
-    query = select(entrant, func.min(Evaluation.created)).where(Evaluation.ranking_id == ranking_id).group_by(entrant)
+    """Time of the first order of each team, else each submission, of a ranking, whatever became of that run."""
+    runner = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
+    query = select(runner, func.min(Evaluation.created)).where(Evaluation.ranking_id == ranking_id).group_by(runner)
     return {row[0]: row[1] for row in session.execute(query)}
 
 

@@ -42,7 +42,11 @@ class RankingView(View):
     ]
     period_s: Annotated[float, Field(description="Length of the period of `runs_per_period`, s; it ends now.")]
     counts: Annotated[
-        Counts, Field(description="Which complete run is an entrant's place: its first, or its best by the headline.")
+        Counts,
+        Field(
+            description="Which complete run is a team's place: its first, or its best by the headline. In an open "
+            "ranking an agent's place is its best version, each with its first run."
+        ),
     ]
     opens: Annotated[datetime | None, Field(description="Earliest time of an order; null: at once.")]
     closes: Annotated[datetime | None, Field(description="Latest time of an order; null: never.")]

@@ -79,7 +79,8 @@ def get_leaderboard(
 ) -> Response:
     """Complete ranked runs, one for each entrant, by the benchmark's headline score; of a phase or an open ranking.
 
-    An entrant is a submission, or in a challenge a team. Which of its runs counts was fixed beforehand, in `counts`.
+    An entrant is an agent, or in a challenge a team. Which of its runs counts was fixed beforehand, in `counts`. Runs
+    that lost more than a tenth of their drives stand below all others, without a rank.
     """
     board = _board(services, readers, caller, _Question(benchmark, version, track, ranking), limit, after)
     document = {

@@ -18,6 +18,7 @@ from dohyo.service.boards.queries import first_orders
 from dohyo.service.boards.results import is_behind, store_results
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Evaluation
+from dohyo.service.submissions.model import Submission
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
@@ -64,7 +65,7 @@ class _Standing:
     """One ranking in memory.
 
     Attributes:
-        runs: Complete runs by evaluation.
+        runs: Complete runs by evaluation, without those that `Counts` leaves out.
         state: Number of stored results and the latest end among them, when the runs were read.
         places: Places by track, and by the runs that one reader may see; emptied when the runs change.
         ranks: Verdicts.
@@ -118,7 +119,7 @@ class Standings:
                     for run in standing.runs.values()
                     if (track is None or run.track == track) and (only is None or run.evaluation in only)
                 ]
-                places = standing.ranks.rank(places_of(runs, ranking.counts))
+                places = standing.ranks.rank(places_of(runs))
                 standing.places.put(key, places)
             return places
 
@@ -132,14 +133,17 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
     known = set(session.scalars(select(Result.evaluation_id).where(mine)))
     standing.runs = {one: run for one, run in standing.runs.items() if one in known}
     needed = (Result.evaluation_id, Result.entrant, Result.track, Result.score, Result.ordered, Result.facts["values"])
-    new = select(*needed, Evaluation.team_id).join(Evaluation, Evaluation.id == Result.evaluation_id).where(mine)
+    new = select(*needed, Evaluation.team_id, Submission.agent_id).where(mine)
+    new = new.join(Evaluation, Evaluation.id == Result.evaluation_id)
+    new = new.join(Submission, Submission.id == Evaluation.submission_id)
     if standing.runs:
         new = new.where(Result.evaluation_id.in_(known - standing.runs.keys()))
-    # A run that was ordered first and cancelled leaves its place empty: an entrant must not choose among its runs.
+    # A run that was ordered first and cancelled leaves its place empty: nobody must choose among runs.
     first = first_orders(session, ranking.id) if ranking.counts is Counts.FIRST else {}
-    for run, entrant, track, score, ordered, values, team in session.execute(new):
-        if values and ordered == first.get(entrant, ordered):
-            baseline = ranking.challenge_id is not None and team is None
+    is_open = ranking.challenge_id is None
+    for run, runner, track, score, ordered, values, team, agent in session.execute(new):
+        if values and ordered == first.get(runner, ordered):
+            entrant, baseline = agent if is_open else runner, not is_open and team is None
             array = np.array(values, dtype=np.float64)  # None becomes NaN
             standing.runs[run] = Contender(run, entrant, baseline, track, score, ordered, array)
     standing.state = state

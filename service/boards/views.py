@@ -28,11 +28,14 @@ class ComparisonView(View):
 
 
 class RowView(View):
-    """A place on the leaderboard: the run of a team (in an open ranking: of a submission) that counts."""
+    """A place on the leaderboard: the run of a team (in an open ranking: of an agent) that counts."""
 
     rank: Annotated[
         int | None,
-        Field(description="Shared by entries that do not differ significantly from its best; null: a baseline."),
+        Field(
+            description="Shared by entries that do not differ significantly from its best; null: a baseline, or a run "
+            "that lost too many drives."
+        ),
     ]
     baseline: Annotated[bool, Field(description="Whether it is the organiser's, to compare with, without a rank.")]
     team: Annotated[str | None, Field(description="Name of the team; null outside of challenges.")]
@@ -50,12 +53,17 @@ class RowView(View):
         ),
     ]
     track: Annotated[str, Field(description="Which sensors the agent may use.")]
-    runs: Annotated[int, Field(description="Ranked runs that were ordered, also failed and cancelled ones.")]
+    runs: Annotated[
+        int, Field(description="Ranked runs of the entrant that were ordered, also failed and cancelled ones.")
+    ]
     thrown_away: Annotated[int, Field(description="Attempts at episodes of these runs that gave no record.")]
     seeds: Annotated[int, Field(description="Number of seeds.")]
     episodes: Annotated[int, Field(description="Number of episodes that count.")]
     drives: Annotated[int, Field(description="Number of drives that count.")]
     lost: Annotated[int, Field(description="Drives lost to gridlocks, which are in no score.")]
+    lost_too_many: Annotated[
+        bool, Field(description="Whether it lost more than a tenth of its drives, and so has no rank.")
+    ]
     finished: Annotated[datetime | None, Field(description="End of the run.")]
     scores: Annotated[dict[str, EstimateView], Field(description="Scores with intervals, by name.")]
     per_km: Annotated[dict[str, float], Field(description="Infractions per km; kinds that never happened left out.")]

@@ -47,7 +47,7 @@ def final_rows(database: Database, standings: Standings, ranking: Ranking, headl
                 _announce(session, ranking, len(rows))
                 logger.info("phase %s is final with %d places", ranking.id, len(rows))
     stored: list[dict[str, Any]] = (ranking.final or {})["rows"]
-    return [{"lost": 0, **row} for row in stored]  # boards of before did not tell
+    return [{"lost": 0, "lost_too_many": False, **row} for row in stored]  # boards of before did not tell
 
 
 def close_ended(services: Services) -> None:

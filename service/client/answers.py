@@ -69,6 +69,7 @@ class CrossPlayAgentView(TypedDict):
     score: EstimateView
     drives: int
     episodes: int
+    lost: int
     submission: str
     agent: str
     version: int
@@ -83,6 +84,7 @@ class CrossPlayCellView(TypedDict):
     score: EstimateView
     drives: int
     episodes: int
+    lost: int
     submission: str
     other: str
 
@@ -258,7 +260,7 @@ class RankingView(TypedDict):
 
 
 class RowView(TypedDict):
-    """A place on the leaderboard: the run of a team (in an open ranking: of a submission) that counts."""
+    """A place on the leaderboard: the run of a team (in an open ranking: of an agent) that counts."""
 
     rank: int | None
     baseline: bool
@@ -277,6 +279,7 @@ class RowView(TypedDict):
     episodes: int
     drives: int
     lost: int
+    lost_too_many: bool
     finished: str | None
     scores: dict[str, EstimateView]
     per_km: dict[str, float]

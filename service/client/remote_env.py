@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -35,6 +36,7 @@ from dohyo.sumo_networks.units import TICK_S
 
 SENSORS: Final = ("speedometer", "route", "objects")
 WORKER: Final = "learner"
+CLOSE_S: Final = 10.0  # the time in which an environment that closes insists on ending its world
 _OPTIONS: Final = ("benchmark", "mission", "sensors", "control", "reward")
 
 
@@ -141,6 +143,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         """Connects at the first reset."""
         self.action_space, self._spaces = actions, observations
         self._plan, self._http = plan, PendingConnection(plan.url)
+        self._key = secrets.token_hex(16)
         self._id = self._seat = self._seat_token = self._ego = ""
         self._tick = 0
         self._seen: Observations = {}
@@ -151,7 +154,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
             self._ask_for_reset(seed)
         else:
             order = {key: value for key, value in self._plan.world.items() if value is not None}
-            self._http.send("POST", "/v1/worlds", self._plan.token, order)
+            self._http.send("POST", "/v1/worlds", self._plan.token, order, key=self._key)
 
     def _ask_for_reset(self, seed: int | None) -> None:
         asked = {} if seed is None else {"seed": seed % 2**31}
@@ -219,7 +222,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
             if self._id:
                 for method, path in ("POST", f"/v1/worlds/{self._id}/end"), ("DELETE", f"/v1/worlds/{self._id}"):
                     self._http.send(method, path, self._plan.token, {})
-                    self._http.receive()
+                    self._http.receive(CLOSE_S)
         self._http.close()
 
 

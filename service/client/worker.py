@@ -11,11 +11,13 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -50,6 +52,7 @@ REFUSED = 2  # exit code for bad input
 HANG_S = 10.0  # past a lost lease, before a process whose agent never returns ends itself
 GIVE_BACK_S = 10.0  # the time in which a process that is told to stop insists on giving its episode back
 END_S = 30.0  # from the stop signal until a process that has not ended is killed
+TALLY = "DOHYO_WORKER_TALLY"  # variable with the path of a process's tally
 INVALID_ACTION = "invalid_action"
 FULL = 409  # the service has not noticed yet that this worker holds no episode any more
 
@@ -117,8 +120,14 @@ class Driver:
             return Parker(self.entry, self.settings)
 
 
-def work(session: WorkerSession, driver: Driver, episodes: int | None = None) -> None:
+def work(session: WorkerSession, driver: Driver, episodes: int | None = None, tally: Path | None = None) -> None:
     """Drives episode after episode until SIGINT, SIGTERM, or a number of episodes.
+
+    Args:
+        session: To drive for.
+        driver: Agent that drives.
+        episodes: Number of episodes; None: no end.
+        tally: File that gets a byte for each episode that was driven; None: none does.
 
     Raises:
         WireError: The service refuses this worker for good.
@@ -143,6 +152,9 @@ def work(session: WorkerSession, driver: Driver, episodes: int | None = None) ->
             if drive is not None:
                 drive_episode(session, driver, drive)
                 driven += 1
+                if tally is not None:
+                    with tally.open("ab") as file:
+                        file.write(b".")
 
 
 def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
@@ -270,28 +282,58 @@ def shares(episodes: int | None, processes: int) -> list[int | None]:
     return [each + (rank < more) for rank in range(min(processes, episodes))]
 
 
-def keep_working(commands: Sequence[Sequence[str]], environment: Mapping[str, str]) -> None:
+@dataclass(frozen=True, slots=True)
+class _Share:
+    """Episodes of one process, over all of its starts.
+
+    Attributes:
+        episodes: Number of them; None: no end.
+        tally: File with a byte for each one that it has driven.
+    """
+
+    episodes: int | None
+    tally: Path
+
+    @property
+    def left(self) -> int | None:
+        """Number of episodes that it still has to drive; None: no end."""
+        return None if self.episodes is None else self.episodes - self.tally.stat().st_size
+
+    def start(self, command: Sequence[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
+        """Starts the process with what is left."""
+        until = [] if self.left is None else ["--episodes", str(self.left)]
+        variables = os.environ | environment | {TALLY: str(self.tally)}
+        return subprocess.Popen([sys.executable, *command, *until], start_new_session=True, env=variables)
+
+
+def keep_working(command: Sequence[str], episodes: Sequence[int | None], environment: Mapping[str, str]) -> None:
     """Runs worker processes in parallel, restarts those that die, and ends them at a stop signal.
 
+    A process that is started again drives what is left of its share, or it would wait for episodes that never come.
+
     Args:
-        commands: Arguments of the Python command, of each process.
+        command: Arguments of the Python command of all processes, without `--episodes`.
+        episodes: Share of each process, see `shares`.
         environment: Variables added to the environment of each process.
     """
-    crew: dict[subprocess.Popen[bytes], Sequence[str]] = {}
+    crew: dict[subprocess.Popen[bytes], _Share] = {}
     pauses = Pauses()
-    try:
-        with suppress(_Stop), _stopping():
-            for command in commands:
-                crew[_start(command, environment)] = command
-            while crew:
-                time.sleep(0.5)
-                for process in [one for one in crew if one.poll() is not None]:
-                    command = crew.pop(process)
-                    if process.returncode not in (0, REFUSED):
-                        time.sleep(pauses.next())
-                        crew[_start(command, environment)] = command
-    finally:
-        _end(crew)
+    with tempfile.TemporaryDirectory(prefix="dohyo-worker-") as folder:
+        try:
+            with suppress(_Stop), _stopping():
+                for rank, number in enumerate(episodes):
+                    share = _Share(number, Path(folder, str(rank)))
+                    share.tally.touch()
+                    crew[share.start(command, environment)] = share
+                while crew:
+                    time.sleep(0.5)
+                    for process in [one for one in crew if one.poll() is not None]:
+                        share = crew.pop(process)
+                        if process.returncode not in (0, REFUSED) and share.left != 0:
+                            time.sleep(pauses.next())
+                            crew[share.start(command, environment)] = share
+        finally:
+            _end(crew)
 
 
 def _end(crew: Collection[subprocess.Popen[bytes]]) -> None:
@@ -306,7 +348,3 @@ def _end(crew: Collection[subprocess.Popen[bytes]]) -> None:
             logger.warning("process %d has not ended in %g s and is killed", process.pid, END_S)
             process.kill()
             process.wait()
-
-
-def _start(command: Sequence[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, *command], start_new_session=True, env=os.environ | dict(environment))

@@ -169,7 +169,9 @@ class Connection:
         self.send("POST", path, document, token)
         return self.receive()
 
-    def send(self, method: str, path: str, document: Any, token: str, fmt: Format = Format.MSGPACK) -> None:
+    def send(
+        self, method: str, path: str, document: Any, token: str, fmt: Format = Format.MSGPACK, key: str | None = None
+    ) -> None:
         """Sends a request, whose answer `receive` must read; without a document it has no body.
 
         Args:
@@ -178,11 +180,13 @@ class Connection:
             document: What is sent, in a format.
             token: Bearer token.
             fmt: Format of the document; the answer may be in either.
+            key: Header `Idempotency-Key`; None: without.
 
         Raises:
             UnreachableError: The connection failed.
         """
         headers = {"authorization": f"Bearer {token}", "accept": Format.MSGPACK.value}
+        headers |= {"idempotency-key": key} if key is not None else {}
         body = None
         if document is not None:
             headers["content-type"], body = fmt.value, encode(document, fmt)

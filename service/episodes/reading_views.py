@@ -25,6 +25,10 @@ class InfractionView(View):
     cell: str
     seed: int
     ego: str
+    at_fault: Annotated[
+        bool | None,
+        Field(description="Whether the ego caused the collision; null of other kinds, and where it was never noted."),
+    ] = None
 
 
 class InfractionsView(View):

@@ -43,7 +43,7 @@ from dohyo.service.episodes.views import AttemptView, view_attempt, view_episode
 from dohyo.service.errors import ConflictError, UnauthorisedError
 from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, visible_among
-from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, Evaluation
 from dohyo.service.evaluations.views import view_egos
 from dohyo.service.jobs.orders import Wait, answer_job, last_about, order_job, ordered
 from dohyo.service.state import Services, ServicesOf
@@ -68,7 +68,7 @@ def get_episode(identifier: Identified, caller: Reader, services: ServicesOf, re
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
     benchmark = readers.stored(version)
     return EpisodeDetail(
-        **view_episode(episode, told=told, hidden=evaluation.hides_drives).model_dump(),
+        **view_episode(episode, told=told, hidden=evaluation.hidden_statuses(told)).model_dump(),
         agent=evaluation.submission.agent.name,
         agent_version=evaluation.submission.version,
         egos=view_egos(evaluation),
@@ -87,12 +87,12 @@ def list_attempts(
     limit: Limit = 100,
     after: Annotated[int, Query(ge=0, le=2**31 - 1, description="The `next` of the page before.")] = 0,
 ) -> Page[AttemptView]:
-    """Lists the starts of an episode; none of a remote agent's episode that is not done, while its evaluation lasts."""
+    """Lists the starts of an episode; none while its evaluation lasts and its status is hidden."""
     episode, evaluation, _ = episode_for(services, caller, identifier, Aspect.RUN)
-    if evaluation.hides_drives and episode.status is not EpisodeStatus.DONE:
-        return Page(items=[])
     with services.database.reading() as session:
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
+        if episode.status in evaluation.hidden_statuses(told):
+            return Page(items=[])
         rows = evaluations.list_attempts(session, episode.id, limit=limit + 1, after=after)
     items = [view_attempt(one, told=told) for one in rows[:limit]]
     return Page(items=items, next=str(items[-1].number) if len(rows) > limit else None)

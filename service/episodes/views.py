@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode, Ep
 from dohyo.service.web.views import View
 
 UNTOLD = {"status": EpisodeStatus.QUEUED, "attempts": 0, "failure": None, "started": None, "finished": None}
-"""What is shown of an episode that a remote agent has not finished, while its evaluation lasts."""
+"""What is shown of an episode whose status is hidden while its evaluation lasts."""
 
 
 class EpisodeView(View):
@@ -28,7 +29,8 @@ class EpisodeView(View):
         Field(
             description="Status; done: it has a record, also of a gridlock, which the statuses in `summary` tell. "
             "lost: a fault of the infrastructure. Of a remote agent `queued` until the episode is done or the "
-            "evaluation has ended, so that a worker does not learn which scenario it drives."
+            "evaluation has ended, so that a worker does not learn which scenario it drives; where the records are "
+            "withheld, `queued` until the evaluation has ended."
         ),
     ]
     attempts: Annotated[int, Field(description="How often it was started.")]
@@ -37,24 +39,24 @@ class EpisodeView(View):
         dict[str, Any] | None, Field(description="Scores and counts per ego, from the record; null where withheld.")
     ]
     failure: Annotated[str | None, Field(description="Why it was lost; null where withheld.")]
-    started: Annotated[datetime | None, Field(description="Start of the last attempt.")]
-    finished: Annotated[datetime | None, Field(description="Its end.")]
+    started: Annotated[datetime | None, Field(description="Start of the last attempt; null where withheld.")]
+    finished: Annotated[datetime | None, Field(description="Its end; null where withheld.")]
 
 
-WITHHELD = ("scenario", "cell", "seed", "record_hash", "summary", "failure")
+WITHHELD = ("scenario", "cell", "seed", "record_hash", "summary", "failure", "started", "finished")
 
 
-def view_episode(episode: Episode, *, told: bool = True, hidden: bool = False) -> EpisodeView:
+def view_episode(episode: Episode, *, told: bool = True, hidden: Set[EpisodeStatus] = frozenset()) -> EpisodeView:
     """An episode.
 
     Args:
         episode: The episode.
         told: Whether the reader may see its record; without it, the properties in `WITHHELD` are None.
-        hidden: Whether the answer must not say that it is driven, see `Evaluation.hides_drives`.
+        hidden: Statuses that the answer must not tell, see `Evaluation.hidden_statuses`.
     """
     names = [name for name in EpisodeView.model_fields if name != "evaluation"]
     facts = {name: getattr(episode, name) if told or name not in WITHHELD else None for name in names}
-    if hidden and episode.status is not EpisodeStatus.DONE:
+    if episode.status in hidden:
         facts |= UNTOLD
     return EpisodeView(evaluation=episode.evaluation_id, **facts)
 
@@ -63,8 +65,8 @@ class AttemptView(View):
     """One start of an episode."""
 
     number: Annotated[int, Field(description="In the order of the starts, from 1.")]
-    started: Annotated[datetime, Field(description="Its start.")]
-    ended: Annotated[datetime | None, Field(description="Its end; null while it runs.")]
+    started: Annotated[datetime | None, Field(description="Its start; null where withheld.")]
+    ended: Annotated[datetime | None, Field(description="Its end; null while it runs, and where withheld.")]
     outcome: Annotated[
         AttemptOutcome | None,
         Field(
@@ -86,7 +88,7 @@ def view_attempt(attempt: Attempt, *, told: bool) -> AttemptView:
     """An attempt; without `told`, nothing in it says how the drive went."""
     facts = {name: getattr(attempt, name) for name in AttemptView.model_fields}
     if not told:
-        facts |= {"why": None, "processor_s": None}
+        facts |= dict.fromkeys(("started", "ended", "why", "processor_s"))
         if attempt.outcome is AttemptOutcome.AGENT_FAILED:
             facts["outcome"] = AttemptOutcome.DONE
     return AttemptView(**facts)

@@ -126,10 +126,21 @@ class Evaluation(Base):
         """Whether its egos have different agents."""
         return bool(self.egos)
 
-    @property
-    def hides_drives(self) -> bool:
-        """Whether answers hide which episode is driven, since a worker of the remote agent could read them."""
-        return self.submission.kind is AgentKind.REMOTE and not self.status.finished
+    def hidden_statuses(self, told: bool) -> frozenset[EpisodeStatus]:
+        """Statuses of its episodes that answers hide while it lasts: they show `QUEUED`.
+
+        Of a remote agent all but `DONE`, since a worker could read which episode it drives. Where the records are
+        withheld all, since the moment at which an episode is done tells how long its drive was.
+
+        Args:
+            told: Whether the reader may see the records.
+        """
+        if self.status.finished:
+            return frozenset()
+        if not told:
+            return frozenset(EpisodeStatus)
+        remote = self.submission.kind is AgentKind.REMOTE
+        return frozenset(EpisodeStatus) - {EpisodeStatus.DONE} if remote else frozenset()
 
 
 class EvaluationEgo(Base):

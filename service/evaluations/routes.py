@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
@@ -114,7 +114,8 @@ async def stream_evaluation_progress(
     """Streams the progress of an evaluation as server-sent events.
 
     The first event is always `state`, the whole evaluation, so that a client that reconnects misses nothing; then one
-    `episode` event for each episode that starts or ends, and finally `end`, the whole evaluation again.
+    `episode` event for each episode that starts or ends, and finally `end`, the whole evaluation again. Where the
+    records are withheld, `state` stands in place of `episode`.
     """
     state = await run_in_threadpool(_state, services, caller, identifier)
     if last_event_id == "end" and state.status.finished:
@@ -123,7 +124,8 @@ async def stream_evaluation_progress(
     async def read() -> EvaluationView:
         return await run_in_threadpool(_state, services, caller, identifier)
 
-    events: AsyncIterator[str] = stream(services.events, f"evaluation:{identifier}", read)
+    told = not state.withheld
+    events: AsyncIterator[str] = stream(services.events, f"evaluation:{identifier}", read, name_episodes=told)
     return EventResponse(request, events)
 
 
@@ -162,19 +164,20 @@ def list_episodes(
     with services.database.reading() as session:
         evaluation = find_visible(session, caller, identifier)
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
-        statuses = _stored_as(status, evaluation.hides_drives)
+        hidden = evaluation.hidden_statuses(told)
+        statuses = _stored_as(status, hidden)
         rows = evaluations.list_episodes(session, evaluation.id, statuses=statuses, limit=limit + 1, after=after)
-    items = [view_episode(episode, told=told, hidden=evaluation.hides_drives) for episode in rows[:limit]]
+    items = [view_episode(episode, told=told, hidden=hidden) for episode in rows[:limit]]
     return Page(items=items, next=str(items[-1].position) if len(rows) > limit else None)
 
 
-def _stored_as(status: EpisodeStatus | None, hidden: bool) -> Sequence[EpisodeStatus]:
+def _stored_as(status: EpisodeStatus | None, hidden: Set[EpisodeStatus]) -> Sequence[EpisodeStatus]:
     """Stored statuses of the episodes that are shown with a status; see `view_episode`."""
     if status is None:
         return tuple(EpisodeStatus)
-    if not hidden or status is EpisodeStatus.DONE:
-        return (status,)
-    return [one for one in EpisodeStatus if one is not EpisodeStatus.DONE] if status is EpisodeStatus.QUEUED else ()
+    if status is EpisodeStatus.QUEUED:
+        return tuple(hidden | {status})
+    return () if status in hidden else (status,)
 
 
 @router.post("/{identifier}/cancel", responses=problems(403, 404, 409, 507))

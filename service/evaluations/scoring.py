@@ -165,9 +165,10 @@ def summary_of(
 
     Returns:
         `egos`, one per mission: name, status, success, scores in percent (`ip` in [0, 1]), infractions counted by kind,
-        `marks` (each infraction's kind, time and place), metres and seconds, `closed_loop` where it has that score, by
-        the names in `CLOSED_LOOP_SCORES`, `hits`: its collisions by other ego, where there are some; `decision_ms`: the
-        slowest ego's p50, p95, p99, None where the record has no timing; `wall_s`.
+        `marks` (each infraction's kind, time and place, of a collision also `at_fault`), metres and seconds,
+        `closed_loop` where it has that score, by the names in `CLOSED_LOOP_SCORES`, `hits`: its collisions by other
+        ego, where there are some; `decision_ms`: the slowest ego's p50, p95, p99, None where the record has no timing;
+        `wall_s`.
 
     Raises:
         InvalidInputError: If a number of the record is not finite.
@@ -341,4 +342,5 @@ def _hits(others: Mapping[str, int] | None) -> dict[str, Any]:
 
 def _mark(one: Infraction) -> dict[str, Any]:
     places = {name: round(getattr(one, name), 2) for name in ("time_s", "x_m", "y_m", "route_m")}
-    return {"kind": one.kind.value, **places}
+    fault = {} if one.at_fault is None else {"at_fault": one.at_fault}
+    return {"kind": one.kind.value, **places, **fault}

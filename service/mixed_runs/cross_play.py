@@ -1,12 +1,13 @@
 """Cross-play: the score of each agent in mixed runs with each other agent, and in runs with copies of itself.
 
 A drive beside several other agents counts for each of them. A drive that was driven again, with an equal record, counts
-once.
+once. Drives of gridlocked episodes are lost: they count in no mean, and are told beside it.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
@@ -21,7 +22,7 @@ from dohyo.service.boards.standings import Recent
 from dohyo.service.evaluations.scoring import Drive, estimate_values, rank_sign
 
 Scores = dict[tuple[str, str], float]
-"""Scores of drives by record and ego, so that each drive is there once."""
+"""Scores of drives by record and ego, so that each drive is there once; NaN of a lost one."""
 
 Meetings = Mapping[tuple[Driver, Driver | None], Scores]
 """Scores of a driver beside another one; beside itself: in a run alone; beside None: in any mixed run."""
@@ -63,8 +64,9 @@ class CrossPlays:
             metric: Score that ranks on the benchmark.
 
         Returns:
-            `agents`: each with its score over all of its mixed drives, the best first. `cells`: the score of
-            `submission` beside `other`, for all pairs that met; with `other` the same, that of its runs alone.
+            `agents`: each with its score over all of its mixed drives, the best first, those without any at the end.
+            `cells`: the score of `submission` beside `other`, for all pairs that met; with `other` the same, that of
+            its runs alone.
         """
         return self._matrices.get_or_make(
             (*mixed, *alone), lambda: self._matrix([*mixed.values(), *alone.values()], metric)
@@ -78,7 +80,7 @@ class CrossPlays:
         agents = [
             {**asdict(own), **self._score(scores, metric)} for (own, other), scores in beside.items() if other is None
         ]
-        agents.sort(key=lambda one: (-rank_sign(metric) * one["score"]["mean"], one["agent"], one["version"]))
+        agents.sort(key=lambda one: (_place(one["score"]["mean"], metric), one["agent"], one["version"]))
         order = {one["submission"]: place for place, one in enumerate(agents)}
         cells = [
             {"submission": own.submission, "other": other.submission, **self._score(scores, metric)}
@@ -90,29 +92,39 @@ class CrossPlays:
 
     def _score(self, scores: Scores, metric: str) -> dict[str, Any]:
         """Mean of scores; it is known already where no drive of the pair is new."""
-        values = np.sort(np.fromiter(scores.values(), np.float64))
+        counted = {key: score for key, score in scores.items() if not math.isnan(score)}
+        values = np.sort(np.fromiter(counted.values(), np.float64))
         key = metric, hashlib.blake2b(values.tobytes(), digest_size=16).digest()
         estimate = self._estimates.get_or_make(key, lambda: estimate_values(metric, values.tolist()))
-        return {"score": asdict(estimate), "drives": len(scores), "episodes": len({record for record, _ in scores})}
+        return {
+            "score": asdict(estimate),
+            "drives": len(counted),
+            "episodes": len({record for record, _ in counted}),
+            "lost": len(scores) - len(counted),
+        }
 
 
 def meetings_of(entry: Entry, metric: str) -> Meetings:
     """The meetings in one run."""
-    if not entry.drives:
-        return {}  # all were lost
+    scored = [(drive, drive.score(metric)) for drive in entry.drives]
+    scored += [(drive, math.nan) for drive in entry.gridlocked]
     if not entry.others:
-        return {(entry.driver, entry.driver): {_key(drive): drive.score(metric) for drive in entry.drives}}
-    episodes: dict[str, list[Drive]] = {}
-    for drive in entry.drives:
-        episodes.setdefault(drive.episode, []).append(drive)
+        return {(entry.driver, entry.driver): {_key(drive): score for drive, score in scored}}
+    episodes: dict[str, list[tuple[Drive, float]]] = {}
+    for drive, score in scored:
+        episodes.setdefault(drive.episode, []).append((drive, score))
     found: dict[tuple[Driver, Driver | None], Scores] = {}
     for drives in episodes.values():
-        drivers = {entry.driver_of(drive.ego) for drive in drives}
-        for drive in drives:
-            own, key, score = entry.driver_of(drive.ego), _key(drive), drive.score(metric)
+        drivers = {entry.driver_of(drive.ego) for drive, _ in drives}
+        for drive, score in drives:
+            own = entry.driver_of(drive.ego)
             for other in (None, *(drivers - {own})):
-                found.setdefault((own, other), {})[key] = score
+                found.setdefault((own, other), {})[_key(drive)] = score
     return found
+
+
+def _place(mean: float | None, metric: str) -> float:
+    return math.inf if mean is None else -rank_sign(metric) * mean
 
 
 def _key(drive: Drive) -> tuple[str, str]:

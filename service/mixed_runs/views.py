@@ -14,9 +14,10 @@ from dohyo.service.web.views import Version, View
 class CrossPlayScoreView(View):
     """Headline score of an agent beside others."""
 
-    score: Annotated[EstimateView, Field(description="Mean over its drives.")]
+    score: Annotated[EstimateView, Field(description="Mean over its drives; null where all of them were lost.")]
     drives: Annotated[int, Field(description="Number of its drives, without those that were driven again.")]
     episodes: Annotated[int, Field(description="Number of their episodes.")]
+    lost: Annotated[int, Field(description="Drives lost to gridlocks, which are in no mean.")]
 
 
 class CrossPlayAgentView(CrossPlayScoreView):

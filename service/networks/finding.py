@@ -6,9 +6,9 @@ from functools import lru_cache
 
 from dohyo.service.errors import ConflictError, TooManyRequestsError
 from dohyo.service.networks.views import NetworkView
-from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.networks.entries import builtin_names, check_name, network_entry, network_names
+from dohyo.sumo_networks.networks.entries import builtin_names, check_name, network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.inspection import network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork
 
@@ -21,9 +21,18 @@ def find_network(name: str) -> RoadNetwork:
     Raises:
         UnknownNameError: There is none.
     """
+    check_known(name)
+    return load_network(name)
+
+
+def check_known(name: str) -> None:
+    """Checks that the catalog has a network of this name, and reads none.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
     if name not in network_names():
         raise UnknownNameError("network", name, network_names())
-    return load_network(name)
 
 
 def check_free(name: str) -> None:
@@ -41,13 +50,23 @@ def check_free(name: str) -> None:
         raise TooManyRequestsError(f"at most {UPLOADED} networks can be uploaded", retry_s=3600)
 
 
-def view_network(network: RoadNetwork) -> NetworkView:
-    """View of a network."""
-    return _viewed(network.name, network.sha256)
+def view_network(name: str) -> NetworkView:
+    """View of a network of the catalog; its roads are loaded only where their file is new.
+
+    Raises:
+        UnknownNameError: There is none.
+        InvalidInputError: Its files cannot be read.
+    """
+    check_known(name)
+    try:
+        state = network_path(name).stat()
+    except OSError as error:
+        raise InvalidInputError(f"network '{name}' cannot be read: {error.strerror}") from error
+    return _viewed(name, state.st_ino, state.st_mtime_ns, state.st_size)
 
 
-@lru_cache(maxsize=2 * UPLOADED)
-def _viewed(name: str, sha256: str) -> NetworkView:
+@lru_cache(maxsize=2 * UPLOADED)  # of networks, few are in memory at once
+def _viewed(name: str, _inode: int, _mtime_ns: int, _size: int) -> NetworkView:
     network, entry = load_network(name), network_entry(name)
     return NetworkView(
         name=name,
@@ -55,7 +74,7 @@ def _viewed(name: str, sha256: str) -> NetworkView:
         licence=entry.licence,
         source=entry.source,
         origin="dohyo" if name in builtin_names() else "upload",
-        sha256=sha256,
+        sha256=network.sha256,
         mirrored=entry.mirrored,
         guessed=list(entry.guessed),
         **network_size(network).model_dump(),

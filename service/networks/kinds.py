@@ -7,7 +7,7 @@ from typing import Final
 from dohyo.service.confinement.limits import MEGABYTE
 from dohyo.service.jobs.kind import Kind, Made, Task
 from dohyo.service.networks import claims
-from dohyo.service.networks.finding import find_network, view_network
+from dohyo.service.networks.finding import view_network
 from dohyo.service.networks.importing import LIMITS, import_confined
 from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_folder, network_names
@@ -34,7 +34,7 @@ def import_roads(task: Task) -> Made:
     with database.session() as session:
         size = sum(one.stat().st_size for one in network_folder(name).iterdir())
         claims.complete(session, name, task.id, size)
-    return Made(view_network(find_network(name)).model_dump(mode="json"), f"/v1/networks/{name}")
+    return Made(view_network(name).model_dump(mode="json"), f"/v1/networks/{name}")
 
 
 def _convert(task: Task, name: str) -> None:

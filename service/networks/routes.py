@@ -13,7 +13,7 @@ from fastapi.responses import Response
 from dohyo.service.accounts.access import Reader, Submitter
 from dohyo.service.errors import ForbiddenError
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
-from dohyo.service.networks.finding import find_network, view_network
+from dohyo.service.networks.finding import check_known, find_network, view_network
 from dohyo.service.networks.form import FORM, import_arguments
 from dohyo.service.networks.kinds import IMPORT
 from dohyo.service.networks.map import Box, packed_map
@@ -39,7 +39,7 @@ def list_networks(caller: Reader) -> list[NetworkView]:
     views = []
     for name in network_names():
         try:
-            views.append(view_network(find_network(name)))
+            views.append(view_network(name))
         except InvalidInputError:
             if name in builtin_names():
                 raise
@@ -49,7 +49,7 @@ def list_networks(caller: Reader) -> list[NetworkView]:
 @router.get("/{name}", responses=problems(404))
 def get_network(name: Name, caller: Reader) -> NetworkView:
     """One network."""
-    return view_network(find_network(name))
+    return view_network(name)
 
 
 @router.get(
@@ -116,7 +116,7 @@ async def create_network(
 @router.delete("/{name}", status_code=204, responses=problems(403, 404))
 def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
     """Deletes an uploaded network; its name is free again."""
-    find_network(name)
+    check_known(name)
     with services.database.session() as session:
         row = session.get(UploadedNetwork, name)
         if row is None or not caller.owns(row.owner):

@@ -68,7 +68,9 @@ class EventResponse(StreamingResponse):
                 del self._open[self._payer]
 
 
-async def stream(events: Broadcast, topic: str, read: Callable[[], Awaitable[State]]) -> AsyncIterator[str]:
+async def stream(
+    events: Broadcast, topic: str, read: Callable[[], Awaitable[State]], *, name_episodes: bool = True
+) -> AsyncIterator[str]:
     """Streams the events of one topic until what it is about ends.
 
     Args:
@@ -76,6 +78,7 @@ async def stream(events: Broadcast, topic: str, read: Callable[[], Awaitable[Sta
         topic: Such as "evaluation:ev-9f86d081884c7d65".
         read: Reads the whole state; it is read after listening has begun, so that no event is missed, and again
             whenever this reader was too slow to get all events.
+        name_episodes: Whether the reader may know which episode a message is about; else such a message is a change.
 
     Yields:
         `state` (the whole state) first and after each change of it, `episode` for each message about an episode, `end`
@@ -86,7 +89,7 @@ async def stream(events: Broadcast, topic: str, read: Callable[[], Awaitable[Sta
         yield f"retry: {RETRY_MS}\n" + _event("state", state.model_dump_json())
         while not state.status.finished and not subscription.closed:
             message = await subscription.get(HEARTBEAT_S)
-            if message is not None and "episode" in message and not subscription.lagged:
+            if name_episodes and message is not None and "episode" in message and not subscription.lagged:
                 yield _event("episode", json.dumps(message))
                 continue
             if subscription.closed:

@@ -233,6 +233,8 @@ def leaderboard(
         ("#", "agent", "track", "agent is", TITLES.get(metric) or str(metric), "vs above", "drives", "runs"), rows
     )
     console.print(f"ranked by {board['description']}", highlight=False)
+    if any(row["lost_too_many"] for row in board["rows"]):
+        console.print("a run that lost more than a tenth of its drives has no rank", highlight=False)
 
 
 def _watch(client: Client, evaluation: str, json: bool) -> None:

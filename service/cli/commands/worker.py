@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,7 +15,7 @@ from dohyo.service.cli.commands.evaluate import parse_settings
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
-from dohyo.service.client.worker import Driver, keep_working, shares, work
+from dohyo.service.client.worker import TALLY, Driver, keep_working, shares, work
 from dohyo.service.client.worker_session import WorkerSession
 
 TOKEN = "DOHYO_TOKEN"
@@ -45,12 +46,13 @@ def worker(
     logger.info("agent '%s', version %d, for %s", agent, version, server)
     driven = shares(episodes, capacity)
     if len(driven) == 1:
-        work(WorkerSession(server, token, agent, version=version), Driver(resolved, given), episodes)
+        tally = os.environ.get(TALLY)
+        session = WorkerSession(server, token, agent, version=version)
+        work(session, Driver(resolved, given), episodes, Path(tally) if tally else None)
         return
     command = ["-c", "from dohyo.service.cli import main; main()", "worker", "--server", server, "--agent", agent]
     command += ["--entry", entry or agent, *[part for pair in settings or [] for part in ("--set", pair)]]
-    commands = [[*command, *(["--episodes", str(share)] if share is not None else [])] for share in driven]
-    keep_working(commands, {TOKEN: token})  # arguments are readable by all users of this machine
+    keep_working(command, driven, {TOKEN: token})  # arguments are readable by all users of this machine
 
 
 def _declare(server: str, token: str, agent: str, info: AgentInfo) -> int:

@@ -56,7 +56,9 @@ export async function get(path) {
   }
 }
 
-/** Reads all items of a list, page by page, up to `most`. */
+const cut = new Map(); // how many items were read of lists that have more, by what they are
+
+/** Reads the items of a list, page by page, up to `most`; the page tells where there are more. */
 export async function getAll(path, most = 10_000) {
   const items = [];
   let after = null;
@@ -69,7 +71,8 @@ export async function getAll(path, most = 10_000) {
     items.push(...page.items);
     after = page.next;
   } while (after && items.length < most);
-  return items;
+  if (after || items.length > most) cut.set(path.split("?")[0].split("/").pop(), most);
+  return items.slice(0, most);
 }
 
 async function problem(answer) {
@@ -81,32 +84,39 @@ async function problem(answer) {
 /**
  * Listens to server-sent events of some names. The browser reconnects by itself after a break, but never after a refusal,
  * such as that of a proxy while the service restarts: then the state is read, and the events are requested again later.
- * @param {() => Promise<boolean>} reread reads and shows the state; whether there is still something to listen to
+ * @param {{hear: (data: any, name: string) => void, reread: () => Promise<boolean>, notice: {tell: (error?: Error) => void,
+ *   clear: () => void}}} page is told each event; `reread` reads and shows the state, and says whether there is still
+ *   something to listen to; `notice` stands from a break until the events come again
  * @returns {() => void} stops it
  */
-export function listen(path, names, listener, reread) {
+export function listen(path, names, { hear, reread, notice }) {
   let source = null;
   let timer = 0;
   let wait_s = FIRST_WAIT_S;
   let stopped = false;
-  const hear = (event) => {
+  const heard = (event) => {
     wait_s = FIRST_WAIT_S;
-    listener(JSON.parse(event.data), event.type);
+    hear(JSON.parse(event.data), event.type);
   };
   const open = () => {
     source = new EventSource(path);
-    for (const name of names) source.addEventListener(name, hear);
-    source.addEventListener("error", refused);
+    for (const name of names) source.addEventListener(name, heard);
+    source.addEventListener("open", notice.clear);
+    source.addEventListener("error", broken);
   };
   const again = async () => {
     const goesOn = await reread().catch((error) => {
       console.info(error);
+      notice.tell(error);
       return true;
     });
-    if (goesOn && !stopped) open();
+    if (!goesOn) notice.clear();
+    else if (!stopped) open();
   };
-  function refused() {
-    if (source.readyState !== EventSource.CLOSED || stopped) return;
+  function broken() {
+    if (stopped) return;
+    notice.tell();
+    if (source.readyState !== EventSource.CLOSED) return;
     timer = setTimeout(again, 1000 * wait_s);
     wait_s = Math.min(LONGEST_WAIT_S, 2 * wait_s);
   }
@@ -129,8 +139,13 @@ export async function page(run) {
     byId("content").dataset.state = "failed";
     return;
   }
+  byId("content").append(...[...cut].map(ofMore));
   byId("content").dataset.state = "ready";
 }
+
+/** Says that a list was read in part. */
+const ofMore = ([what, most]) =>
+  h("p", { class: "note" }, `This page reads the first ${most.toLocaleString("en")} ${what} only; the `, h("a", { href: "/api" }, "API"), " has all.");
 
 function failure(error) {
   const status = error instanceof ApiError ? error.status : 0;

@@ -1,10 +1,23 @@
-/** Rows of a leaderboard as a table: of a benchmark's open ranking, or of a phase of a challenge. */
+/** A leaderboard: of a benchmark's open ranking, or of a phase of a challenge. */
 
+import { get } from "./api.js";
 import { h } from "./dom.js";
 import { agentName, estimateCells, missing, scale, verdict, whisker } from "./estimate.js";
 import { moment, number } from "./format.js";
 import { hasInfractions, scoreOf, shown } from "./scores.js";
 import { label, words } from "./words.js";
+
+const MOST = 500; // places, as many as the service answers at once
+
+/**
+ * Reads the first places of a board.
+ * @param {URLSearchParams} asked the benchmark or the ranking
+ */
+export const readBoard = (asked) => get(`/v1/leaderboard?${new URLSearchParams([...asked, ["limit", MOST]])}`);
+
+/** What a page says of a board with more places than it shows. */
+export const partText = ({ rows, total }) =>
+  rows.length < total ? `Shown are the first ${rows.length} of ${total.toLocaleString("en")} places; the CSV has all. ` : "";
 
 /** The columns of a board; `headline` is the score that ranks. */
 export function columnsOf(rows, headline, colour, measures = 4) {
@@ -66,16 +79,23 @@ function who(row, colour) {
   return h(
     "div",
     { class: "ranked" },
-    h("span", { class: "rank-number number", title: row.baseline ? "a baseline has no rank" : null }, String(row.rank ?? "–")),
+    h("span", { class: "rank-number number", title: unranked(row) }, String(row.rank ?? "–")),
     h(
       "div",
       {},
       row.team && h("div", { class: "team" }, row.team),
       agentName(row.agent, colour[row.agent]),
       row.baseline && h("span", { class: "quiet small plain" }, " baseline"),
+      row.lost_too_many && h("span", { class: "quiet small plain" }, " no rank: lost more than a tenth of its drives"),
       h("div", { class: "quiet small plain" }, facts.join(" · ")),
     ),
   );
+}
+
+/** Why a row has no rank; null for one that has. */
+function unranked(row) {
+  if (row.baseline) return "a baseline has no rank";
+  return row.lost_too_many ? "a run that lost more than a tenth of its drives has no rank" : null;
 }
 
 const by = (row) => (row.verified ? "service" : "remote");

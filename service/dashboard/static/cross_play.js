@@ -66,7 +66,7 @@ async function matrix(document, path) {
     h(
       "p",
       { class: "note" },
-      `The score of the row's agent over its drives in mixed runs with the column's agent: mean, 95 % interval, number of drives; from ${document.runs} mixed ${document.runs === 1 ? "run" : "runs"}. `,
+      `The score of the row's agent over its drives in mixed runs with the column's agent: mean, 95 % interval, number of drives, and of those lost to gridlocks, which are in no mean; from ${document.runs} mixed ${document.runs === 1 ? "run" : "runs"}, the newest of each owner, at most 100. `,
       "On the diagonal an agent drives all egos. Missions and seeds may differ between cells: the matrix shows, and does not rank.",
     ),
     h("p", { class: "links" }, h("a", { href: path }, "JSON")),
@@ -76,13 +76,13 @@ async function matrix(document, path) {
 /** A pair of agents: the higher the score, the stronger the shade. */
 function cell(found, itself, { top }) {
   if (!found) return h("span", { class: "quiet small" }, itself ? "no run alone" : "not met");
-  const { score } = found;
+  const { score, lost } = found;
   return h(
     "div",
     { class: "shade", style: { "--share": ((0.4 * Math.max(0, score.mean ?? 0)) / top).toFixed(3) } },
     h("b", { class: "number" }, number(score.mean)),
     itself && h("span", { class: "quiet" }, " alone"),
-    h("div", { class: "quiet number" }, `${interval(score)} n=${score.n}`),
+    h("div", { class: "quiet number" }, `${interval(score)} n=${score.n}${lost ? `, ${lost} lost` : ""}`),
   );
 }
 

@@ -7,7 +7,7 @@ import { MISSING, interval, number } from "./format.js";
  * @param {{mean: number|null, low: number|null, high: number|null, n: number}|undefined} estimate
  * @param {number} top upper end of the axis; the lower is 0 unless `bottom` is given
  */
-export function whisker(estimate, top, { bottom = 0, reason = "no drive counts" } = {}) {
+export function whisker(estimate, top, { bottom = 0, reason = "none counts" } = {}) {
   if (!estimate || estimate.mean === null || estimate.mean === undefined) return missing(reason);
   const share = (value) => Math.min(1, Math.max(0, (value - bottom) / (top - bottom)));
   const at = (value) => `${(100 * share(value)).toFixed(2)}%`;
@@ -92,7 +92,7 @@ export function verdict(comparison, subject, direction = "higher") {
   if (!comparison) return null;
   const { verdict: sign, probability, difference } = comparison;
   if (difference?.low === 0 && difference?.high === 0) {
-    const title = `${subject}: equal on every drive`;
+    const title = `${subject}: equal everywhere`;
     return h("span", { class: "verdict even", title }, sign, h("span", { class: "quiet" }, " equal"));
   }
   const words = DIRECTIONS[direction];

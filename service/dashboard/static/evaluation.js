@@ -43,12 +43,12 @@ export function bar({ done, running, lost, total }, name) {
   );
 }
 
-/** A panel with the scores of a summary; where drives were lost, also with the means that count them as 0. */
-export function measures({ scores, scores_lost_as_zero: lostAsZero, lost }, most) {
+/** A panel with the scores of a summary, `headline` first; where drives were lost, also with the means that count them as 0. */
+export function measures({ scores, scores_lost_as_zero: lostAsZero, lost }, most, headline = null) {
   return h(
     "div",
     { class: "panel measures" },
-    shown(scores, most).map(({ key, title, unit, top }) =>
+    shown(scores, most, headline).map(({ key, title, unit, top }) =>
       h(
         "div",
         {},

@@ -50,6 +50,13 @@ const CLOSED = ["closed_loop", "no_collision", "drivable_area", "progress", "tim
 
 const LOWER = new Set(["speed_std_mps", "speed_std_within_mps", "fuel_circles_g_km", "time_s", "contacts", "timed_out", ...Object.keys(FORECAST)]);
 
+/** How good a value of a score is, from 0 to 1; 0 where there is none. */
+export function goodness(value, { top, lower }) {
+  if (!Number.isFinite(value)) return 0;
+  const share = Math.min(1, Math.max(0, value / top));
+  return lower ? 1 - share : share;
+}
+
 /** Title, unit and upper end of the axis of a score, and whether lower values are better. */
 export function scoreOf(key) {
   const [title, unit, top] = SCORES[key] ?? FREEWAY[key] ?? PARKING[key] ?? FORECAST[key] ?? [key, ...PERCENT];
@@ -59,16 +66,16 @@ export function scoreOf(key) {
 /** Whether drives have infractions: not mornings, lots and days of forecasts. */
 export const hasInfractions = (scores) => !("aligned" in scores || "mse" in scores || "speed_std_mps" in scores);
 
-/** The scores to show of drives, mornings, lots or days, by those that they have. */
-function keysOf(scores) {
-  if (scores.closed_loop) return CLOSED;
-  if (scores.speed_std_mps) return Object.keys(FREEWAY);
-  if (scores.mse) return Object.keys(FORECAST);
-  return scores.aligned ? Object.keys(PARKING) : OPEN;
+/** The scores to show of drives, mornings, lots or days, by those that they have, or by their headline where they have none. */
+function keysOf(scores, headline) {
+  if ("closed_loop" in scores) return CLOSED;
+  if ("speed_std_mps" in scores || headline in FREEWAY) return Object.keys(FREEWAY);
+  if ("mse" in scores || headline in FORECAST) return Object.keys(FORECAST);
+  return "aligned" in scores ? Object.keys(PARKING) : OPEN;
 }
 
 /** The scores to show, at most `most`, the most important first; `headline`, if given, before all others. */
 export function shown(scores, most, headline = null) {
-  const keys = keysOf(scores);
+  const keys = keysOf(scores, headline);
   return [...new Set([headline ?? keys[0], ...keys])].slice(0, most).map(scoreOf);
 }

@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from dohyo.service.boards.comparison import compare_entries, differing_scenarios
+from dohyo.service.boards.leaderboard import Entry
+from dohyo.service.evaluations.scoring import FORECAST_SCORES
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.boards.test_leaderboard import drives
 from tests.service.evaluations.test_scoring import entry
@@ -73,3 +77,14 @@ def test_what_cannot_be_compared_is_refused() -> None:
         compare_entries([a, b, a], "driving_score")
     with pytest.raises(InvalidInputError, match="no finished episode"):
         compare_entries([a, entry("empty", [])], "driving_score")
+
+
+def test_a_day_on_which_an_agent_failed_is_in_no_list_of_differing_scenarios() -> None:
+    scores = dict.fromkeys(FORECAST_SCORES, 4.0)
+
+    def days(name: str, *facts: dict[str, float]) -> Entry:
+        made = zip(drives([0.0] * len(facts)), facts, strict=True)
+        return entry(name, [replace(one, facts={"status": one.status.value, "forecast": fact}) for one, fact in made])
+
+    a, b = days("a", scores, scores), days("b", {}, {**scores, "mse": 9.0})
+    assert [one["scenario"] for one in differing_scenarios([a, b], "mse")] == ["scenario1"]

@@ -14,7 +14,6 @@ from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.boards.board import compare_places
 from dohyo.service.boards.leaderboard import COLUMNS, Contender, Entry, Ranks, as_csv, places_of
-from dohyo.service.boards.model import Counts
 from dohyo.service.boards.results import facts_of
 from dohyo.service.evaluations.scoring import Drive, summary_of
 from tests.evaluation.builders import ego, episode
@@ -49,7 +48,7 @@ def contenders(entries: list[Entry], metric: str = "driving_score") -> list[Cont
 
 
 def ranked(entries: list[Entry], metric: str = "driving_score") -> list[tuple[int | None, str]]:
-    places = Ranks().rank(places_of(contenders(entries, metric), Counts.FIRST))
+    places = Ranks().rank(places_of(contenders(entries, metric)))
     return [(place.rank, place.contender.evaluation.removeprefix("ev-")) for place in places]
 
 
@@ -90,7 +89,7 @@ def test_many_at_once_get_the_verdicts_of_the_paired_comparison() -> None:
     runs = contenders(
         [entry(f"a{n:02}", drives(list(np.clip(generator.normal(m, 12, 18), 0, 100)))) for n, m in enumerate(levels)]
     )
-    places = Ranks().rank(places_of(runs, Counts.FIRST))
+    places = Ranks().rank(places_of(runs))
     assert len({place.rank for place in places}) > 3
     best = places[0]
     for position, place in enumerate(places[1:], 1):
@@ -107,8 +106,8 @@ def test_what_was_ranked_before_gets_the_same_ranks_beside_a_new_run() -> None:
     generator = np.random.default_rng(1)
     entries = [entry(f"a{n}", drives(list(generator.normal(50 - n, 9, 12)))) for n in range(30)]
     ranks = Ranks()
-    ranks.rank(places_of(contenders(entries[:-1]), Counts.FIRST))
-    again = ranks.rank(places_of(contenders(entries), Counts.FIRST))
+    ranks.rank(places_of(contenders(entries[:-1])))
+    again = ranks.rank(places_of(contenders(entries)))
     assert again == Ranks().rank([place.contender for place in again])
 
 
@@ -122,17 +121,39 @@ def test_without_the_same_drives_the_means_decide() -> None:
     assert compare_places(*contenders(entries)) is None
 
 
-@pytest.mark.parametrize(("counts", "kept"), [(Counts.FIRST, "early"), (Counts.BEST, "lucky")])
-def test_which_run_of_an_entrant_is_its_place_was_fixed_beforehand(counts: Counts, kept: str) -> None:
-    runs = contenders([entry("early", drives([40.0])), entry("lucky", drives([90.0])), entry("late", drives([60.0]))])
+def test_of_the_runs_of_an_entrant_the_best_is_its_place() -> None:
+    runs = contenders([entry("early", drives([40.0])), entry("best", drives([90.0])), entry("late", drives([60.0]))])
     same = [dataclasses.replace(one, entrant="team") for one in runs]
-    assert [one.evaluation for one in places_of(same, counts)] == [f"ev-{kept}"]
+    assert [one.evaluation for one in places_of(same)] == ["ev-best"]
+
+
+def losing(name: str, score: float, lost: int, total: int = 20) -> Entry:
+    """A run with so many drives of one score, and others lost."""
+    made = drives([score] * total)
+    return entry(name, made[lost:], gridlocked=tuple(made[:lost]))
+
+
+def test_who_loses_more_than_a_tenth_of_its_drives_has_no_rank() -> None:
+    entries = [losing("twentieth", 50.0, 1), losing("tenth", 80.0, 2), losing("more", 99.0, 3)]
+    assert ranked(entries) == [(1, "tenth"), (2, "twentieth"), (None, "more")]
+
+
+def test_who_loses_more_drives_stands_further_down_whatever_its_mean() -> None:
+    entries = [losing("nineteen", 100.0, 19), losing("five", 20.0, 5), losing("none", 1.0, 0), losing("also", 40.0, 5)]
+    assert ranked(entries) == [(1, "none"), (None, "also"), (None, "five"), (None, "nineteen")]
+
+
+def test_of_two_runs_the_one_that_may_have_a_rank_is_the_place() -> None:
+    runs = [
+        dataclasses.replace(one, entrant="team") for one in contenders([losing("few", 99.0, 15), losing("all", 9.0, 0)])
+    ]
+    assert [one.evaluation for one in places_of(runs)] == ["ev-all"]
 
 
 def test_a_baseline_stands_between_the_ranks() -> None:
     runs = contenders([entry(name, drives([score] * 8)) for name, score in (("a", 90.0), ("base", 50.0), ("b", 10.0))])
     runs[1] = dataclasses.replace(runs[1], baseline=True)
-    places = Ranks().rank(places_of(runs, Counts.FIRST))
+    places = Ranks().rank(places_of(runs))
     assert [(place.rank, place.contender.evaluation) for place in places] == [
         (1, "ev-a"),
         (None, "ev-base"),
@@ -179,7 +200,7 @@ def row(one: Entry, index: int) -> dict[str, Any]:
     above = {"verdict": "<", "probability": 0.0} if index else None
     plain = {name: getattr(one, name) for name in names} | facts_of(one, "driving_score")
     return plain | {"rank": 1, "team": None, "verified": True, "baseline": False, "runs": 1, "thrown_away": 0,
-                    "seeds": 1, "above": above}  # fmt: skip
+                    "seeds": 1, "lost_too_many": False, "above": above}  # fmt: skip
 
 
 def test_an_empty_leaderboard_is_empty() -> None:

@@ -16,7 +16,7 @@ from dohyo.evaluation.records.specifications import Status
 from dohyo.service.accounts.model import Role
 from dohyo.service.boards.board import compare_places
 from dohyo.service.boards.leaderboard import Ranks, places_of
-from dohyo.service.boards.model import Counts, Ranking
+from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.closing import final_rows
 from dohyo.service.evaluations.model import AttemptOutcome
@@ -137,6 +137,29 @@ def test_a_run_that_lost_all_drives_has_no_place_and_says_why(service: Harness) 
     assert (whole["drives"], whole["lost"], whole["scores"]["driving_score"]["mean"]) == (0, DRIVES, None)
 
 
+def test_a_run_of_a_few_good_drives_is_below_all_that_drove_the_benchmark(service: Harness) -> None:
+    eve = service.caller("eve")
+    few, whole = ranked(eve, "few"), ranked(eve, "whole")
+    drive(service, few, {position: 99.0 if position < 5 else None for position in range(DRIVES)})
+    drive(service, whole, {})
+    rows = [(row["agent"], row["rank"], row["lost"], row["lost_too_many"]) for row in board(service)]
+    assert rows == [("whole", 1, 0, False), ("few", None, DRIVES - 5, True)]
+    lines = table(service, "/v1/leaderboard.csv?benchmark=quickstart")
+    assert [(one["rank"], one["lost_too_many"]) for one in lines] == [("1", "False"), ("", "True")]
+
+
+def test_nobody_wins_a_phase_by_losing_drives(service: Harness) -> None:
+    organiser = service.caller("org", Role.ORGANISER)
+    ranking = make_challenge(organiser, draw_seeds=1)
+    ann = admit(service, organiser, "ann", team="A")
+    ann.agent("a")
+    drive(service, enter(ann, "a", ranking)["id"], {0: 99.0} | dict.fromkeys(range(1, 6)))
+    end(service.services.database, ranking)
+    assert [(row["rank"], row["lost_too_many"]) for row in rows_at_the_end(service, ranking)] == [(None, True)]
+    (announced,) = organiser.get("/v1/challenges/cup").json()["announcements"]
+    assert (announced["places"], announced["winners"]) == (1, [])
+
+
 def test_a_final_board_tells_of_lost_drives_and_one_of_before_of_none(service: Harness) -> None:
     organiser = service.caller("org", Role.ORGANISER)
     ranking = make_challenge(organiser, draw_seeds=1)
@@ -149,9 +172,10 @@ def test_a_final_board_tells_of_lost_drives_and_one_of_before_of_none(service: H
     with service.services.database.session() as session:
         one = session.scalars(select(Ranking).where(Ranking.id == ranking)).one()
         assert one.final is not None
-        rows = [{key: value for key, value in row.items() if key != "lost"} for row in one.final["rows"]]
+        of_now = ("lost", "lost_too_many")
+        rows = [{key: value for key, value in row.items() if key not in of_now} for row in one.final["rows"]]
         one.final = one.final | {"rows": rows}
-    assert [row["lost"] for row in rows_at_the_end(service, ranking)] == [0]
+    assert [(row["lost"], row["lost_too_many"]) for row in rows_at_the_end(service, ranking)] == [(0, False)]
 
 
 def rows_at_the_end(service: Harness, ranking: str) -> list[dict[str, Any]]:
@@ -161,7 +185,7 @@ def rows_at_the_end(service: Harness, ranking: str) -> list[dict[str, Any]]:
     return final_rows(database, Standings(), found, "driving_score")
 
 
-def test_without_a_drive_that_counts_in_both_the_means_decide() -> None:
+def test_runs_without_a_drive_that_counts_in_both_are_not_compared() -> None:
     runs = []
     for name, kept in (("a", 60.0), ("b", 40.0)):
         drives = {
@@ -172,6 +196,6 @@ def test_without_a_drive_that_counts_in_both_the_means_decide() -> None:
         mine, lost = ([one for number in half for one in drives[number]] for half in halves)
         runs += contenders([entry(name, mine, gridlocked=tuple(lost))])
     assert all(np.isnan(run.values).sum() == 2 for run in runs)
-    places = Ranks().rank(places_of(runs, Counts.FIRST))
-    assert [(place.rank, place.contender.evaluation) for place in places] == [(1, "ev-a"), (2, "ev-b")]
+    places = Ranks().rank(places_of(runs))
+    assert [(place.rank, place.contender.evaluation) for place in places] == [(None, "ev-a"), (None, "ev-b")]
     assert compare_places(*runs) is None

@@ -76,6 +76,23 @@ def test_a_new_version_of_the_agent_gives_no_new_runs(tmp_path: Any) -> None:
         assert order(ann, agent="b").status_code == 201
 
 
+def test_all_versions_of_an_agent_have_one_place_which_is_that_of_the_best(service: Harness) -> None:
+    """Of each version its first run counts, so that a repetition is no second chance."""
+    eve, database = service.caller("eve"), service.services.database
+    eve.agent("a")
+    runs = []
+    for score in (40.0, 60.0, 50.0):
+        runs.append(order(eve).json()["id"])
+        complete(database, runs[-1], score)
+        eve.post("/v1/agents/a/submissions", {"kind": "remote", "settings": {}})
+    complete(database, order(eve, version=3).json()["id"], 95.0)
+    eve.agent("b")
+    complete(database, order(eve, agent="b").json()["id"], 45.0)
+    first, second = board(service)
+    assert (first["agent"], first["version"], first["evaluation"], first["runs"]) == ("a", 2, runs[1], 4)
+    assert (second["agent"], second["rank"], second["runs"]) == ("b", 2, 1)
+
+
 def test_orders_at_the_same_moment_do_not_pass_the_quota(stored: Harness) -> None:
     eve = stored.caller("eve")
     eve.agent("a")

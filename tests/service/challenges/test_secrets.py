@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import cycle, product
 from pathlib import Path
@@ -16,10 +18,12 @@ from dohyo.service.accounts.model import Role
 from dohyo.service.boards.model import Audience, Ranking
 from dohyo.service.database.base import now
 from dohyo.service.evaluations.model import Attempt, AttemptOutcome, Episode, Evaluation, EvaluationStatus
+from dohyo.service.scheduling import queue
+from dohyo.service.scheduling.attempts import AttemptEnd
 from dohyo.service.webhooks.model import Delivery
 from dohyo.service.webhooks.queries import announce
-from tests.service.challenges.driving import admit, complete, end, enter, make_challenge
-from tests.service.harness import Harness, running
+from tests.service.challenges.driving import FACTS, admit, complete, end, enter, make_challenge
+from tests.service.harness import Caller, Harness, running
 
 READINGS = {
     "run": ("/v1/evaluations/{ev}", "/v1/evaluations/{ev}/episodes", "/v1/episodes/{ep}", "/v1/evaluations",
@@ -121,6 +125,74 @@ def test_attempts_tell_why_to_insiders_only(stage: Stage) -> None:
     (seen,) = stage.get("organiser", path).json()["items"]
     assert (seen["outcome"], seen["processor_s"]) == ("agent_failed", 7.5)
     assert str(stage.seeds[0]) in seen["why"]
+
+
+@pytest.mark.parametrize("who", ["ann", "mate", "rival"])
+def test_times_of_single_drives_are_withheld_since_they_tell_how_long_each_was(stage: Stage, who: str) -> None:
+    stage.restart(secret=True)
+    with stage.service.services.database.session() as session:
+        times = {"started": now(), "finished": now()}
+        session.execute(update(Episode).where(Episode.id == stage.names["ep"]).values(times))
+
+    def times_seen_by(caller: str) -> set[str | None]:
+        listed = stage.get(caller, "/v1/evaluations/{ev}/episodes").json()["items"]
+        drives = [one for one in listed if one["id"] == stage.names["ep"]]
+        drives.append(stage.get(caller, "/v1/episodes/{ep}").json())
+        attempts = stage.get(caller, "/v1/episodes/{ep}/attempts").json()["items"]
+        return {one[end] for one in drives for end in times} | {
+            one[e] for one in attempts for e in ("started", "ended")
+        }
+
+    assert times_seen_by(who) == {None}
+    assert None not in times_seen_by("organiser")
+
+
+def test_while_a_secret_run_lasts_its_runner_sees_how_many_episodes_are_done_and_not_which(service: Harness) -> None:
+    ann, organiser, run, episode = half_done(service)
+    assert ann.get(f"/v1/evaluations/{run}").json()["progress"]["done"] == 1
+
+    def statuses(caller: Caller, which: str = "") -> list[str]:
+        return [one["status"] for one in caller.get(f"/v1/evaluations/{run}/episodes{which}").json()["items"]]
+
+    assert statuses(ann) == statuses(ann, "?status=queued") == ["queued"] * 6
+    assert statuses(ann, "?status=done") == statuses(ann, "?status=running") == []
+    assert ann.get(f"/v1/episodes/{episode}").json()["status"] == "queued"
+    assert ann.get(f"/v1/episodes/{episode}/attempts").json()["items"] == []
+    assert statuses(organiser, "?status=done") == ["done"]
+    complete(service.services.database, run, 50.0)
+    assert statuses(ann) == ["done"] * 6
+
+
+def test_events_of_a_secret_run_name_no_episode_except_to_insiders(service: Harness) -> None:
+    ann, organiser, run, episode = half_done(service)
+    topic, events = f"evaluation:{run}", service.services.events
+    with ThreadPoolExecutor() as pool:
+        told = [pool.submit(caller.get, f"/v1/evaluations/{run}/progress") for caller in (ann, organiser)]
+        for _ in range(20):  # until both listen
+            events.publish(topic, {"episode": episode, "status": "done"})
+            time.sleep(0.05)
+        complete(service.services.database, run, 50.0)
+        events.publish(topic, {"evaluation": run, "status": "done"})
+        outside, inside = (one.result().text for one in told)
+    assert episode not in outside
+    assert "event: state" in outside
+    assert "event: end" in outside
+    assert episode in inside
+
+
+def half_done(service: Harness) -> tuple[Caller, Caller, str, str]:
+    """A participant and the organiser of a secret phase, a run of it that lasts, and its episode that is done."""
+    organiser = service.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser, secret=True)
+    ann = admit(service, organiser, "ann")
+    ann.agent("a")
+    run = enter(ann, "a", ranking)["id"]
+    with service.services.database.session() as session:
+        ticket = queue.take(session, queue.waiting(session)[0])
+    assert ticket is not None
+    with service.services.database.session() as session:
+        assert queue.finish(session, ticket, "0" * 64, {"egos": [FACTS]}, AttemptEnd(AttemptOutcome.DONE))
+    return ann, organiser, run, ticket.episode_id
 
 
 @pytest.mark.parametrize("who", INSIDERS)

@@ -33,11 +33,13 @@ class Script:
         answers: Those to come.
         asked: Requests so far, each with its header `Last-Event-ID`.
         bodies: Bodies of those requests.
+        keys: Their headers `Idempotency-Key`; "" where there was none.
     """
 
     answers: list[Answer] = field(default_factory=list)
     asked: list[tuple[str, str]] = field(default_factory=list)
     bodies: list[bytes] = field(default_factory=list)
+    keys: list[str] = field(default_factory=list)
     url: str = ""
 
 
@@ -51,6 +53,7 @@ class Scripted(BaseHTTPRequestHandler):
     def answer(self) -> None:
         self.script.bodies.append(self.rfile.read(int(self.headers.get("content-length", 0))))
         self.script.asked.append((f"{self.command} {self.path}", self.headers.get("last-event-id", "")))
+        self.script.keys.append(self.headers.get("idempotency-key", ""))
         answer = self.script.answers.pop(0)
         if answer == BROKEN:
             self.close_connection = True
@@ -69,6 +72,9 @@ class Scripted(BaseHTTPRequestHandler):
         self.answer()
 
     def do_POST(self) -> None:
+        self.answer()
+
+    def do_DELETE(self) -> None:
         self.answer()
 
     def log_message(self, *_: Any) -> None:

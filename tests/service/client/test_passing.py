@@ -131,7 +131,7 @@ def test_a_process_that_does_not_end_is_killed(tmp_path: Path, monkeypatch: pyte
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=stop, daemon=True).start()
-    keep_working([["-S", "-c", code, str(marker)]], {})
+    keep_working(["-S", "-c", code, str(marker)], [None], {})
     with pytest.raises(ProcessLookupError):
         os.kill(int(marker.read_text()), 0)
 
@@ -145,19 +145,49 @@ def test_episodes_are_shared_out(episodes: int | None, processes: int, shared: l
 
 
 def test_processes_of_a_worker_drive_the_episodes_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    started: list[Sequence[str]] = []
+    started: list[Sequence[int | None]] = []
 
-    def note(commands: Sequence[Sequence[str]], environment: Mapping[str, str]) -> None:
-        started.extend(commands)
+    def note(command: Sequence[str], episodes: Sequence[int | None], environment: Mapping[str, str]) -> None:
+        assert "--episodes" not in command
+        started.append(episodes)
 
     monkeypatch.setattr(command, "keep_working", note)
     monkeypatch.setattr(command, "_declare", lambda *_: 1)
     command.worker("http://127.0.0.1:9", "mine", "token", STEADY, capacity=4, episodes=10)
-    assert [one[-2:] for one in started] == [["--episodes", share] for share in "3322"]
-    started.clear()
     command.worker("http://127.0.0.1:9", "mine", "token", STEADY, capacity=2)
-    assert len(started) == 2
-    assert not any("--episodes" in one for one in started)
+    assert started == [[3, 3, 2, 2], [None, None]]
+
+
+DRIVES_TWO_AND_DIES = """
+import os, sys
+log, *options = sys.argv[1:]
+with open(log, "a") as told:
+    print(*options, file=told)
+if options != ["--episodes", "1"]:
+    with open(os.environ["DOHYO_WORKER_TALLY"], "ab") as tally:
+        tally.write(b"..")
+    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.parametrize(("share", "told"), [(3, ["--episodes 3", "--episodes 1"]), (2, ["--episodes 2"])])
+def test_a_process_that_dies_is_started_again_for_the_rest_of_its_share(
+    tmp_path: Path, share: int, told: list[str]
+) -> None:
+    log = tmp_path / "log"
+    keep_working(["-S", "-c", DRIVES_TWO_AND_DIES, str(log)], [share], {})
+    assert log.read_text().splitlines() == told
+
+
+def test_a_process_counts_the_episodes_that_it_has_driven(
+    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tally = tmp_path / "tally"
+    monkeypatch.setenv(worker.TALLY, str(tally))
+    monkeypatch.setattr(command, "_declare", lambda *_: 1)
+    script.answers += [REGISTERED, GRANTED, DONE, GRANTED, GONE, GRANTED, DONE]
+    command.worker(script.url, "mine", "token", STEADY, episodes=3)
+    assert tally.stat().st_size == 3
 
 
 def test_a_process_that_starts_while_the_service_is_away_is_started_again(script: Script) -> None:

@@ -27,7 +27,6 @@ from dohyo.service.benchmarks.views import BenchmarkView
 from dohyo.service.boards.board import compare_places
 from dohyo.service.boards.comparison import compare_entries
 from dohyo.service.boards.leaderboard import Contender, Entry, Ranks, places_of
-from dohyo.service.boards.model import Counts
 from dohyo.service.boards.results import facts_of
 from dohyo.service.boards.views import ComparedView, LeaderboardView
 from dohyo.service.dashboard import challenge_pages, pages
@@ -179,7 +178,7 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
             values=np.array(facts[one.evaluation]["values"], dtype=np.float64),
         ) for one in entries
     ]  # fmt: skip
-    places = Ranks().rank(places_of(contenders, Counts.FIRST))
+    places = Ranks().rank(places_of(contenders))
     by_id = {one.evaluation: one for one in entries}
     rows: list[dict[str, Any]] = []
     for index, place in enumerate(places):
@@ -189,7 +188,7 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
             {name: getattr(one, name) for name in same}
             | {name: facts[one.evaluation][name] for name in ("scores", "per_km", "episodes", "drives", "lost")}
             | {"rank": place.rank, "baseline": False, "team": None, "verified": True, "runs": 1, "thrown_away": 0}
-            | {"seeds": len(one.seeds)}
+            | {"seeds": len(one.seeds), "lost_too_many": place.contender.lost_too_many}
             | {"above": compare_places(place.contender, places[index - 1].contender) if index else None}
         )
     return rows

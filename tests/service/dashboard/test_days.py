@@ -61,6 +61,9 @@ def answers() -> dict[str, Any]:
     return {
         "benchmarks": [{"name": "forecast-hard", "kind": "forecasting", "description": HARD.description, "egos": []}],
         "leaderboard": board,
+        "agents/mine": {"name": "mine", "owner": "lab", "description": "", "created": WHEN.isoformat()},
+        "agents/mine/submissions": {"items": [], "next": None},
+        "evaluations": {"items": [evaluation.model_dump(mode="json")], "next": None},
         "evaluations/ev-days": evaluation.model_dump(mode="json"),
         "evaluations/ev-days/episodes": {"items": [one.model_dump(mode="json") for one in days], "next": None},
         "evaluations/ev-days/metrics": as_document(Entry(*run)),
@@ -112,3 +115,24 @@ def test_a_run_lists_its_days_the_largest_error_first_and_each_has_a_page(page: 
         shown.wait_for_function(f"document.documentElement.scrollWidth <= {width}")
     failed: BrowserPage = page.go("/episodes/ep-4")
     expect(failed.locator(".problem")).to_have_text("NaN")
+
+
+def test_the_page_of_a_forecaster_shows_errors_and_no_infractions(page: Any) -> None:
+    shown: BrowserPage = page.go("/agents/mine")
+    expect(shown.locator("h3", has_text="by cell")).to_have_text("Error of three minutes by cell × 10³")
+    expect(shown.locator(".cell")).to_contain_text("18.7")
+    expect(shown.locator("h3", has_text="Infractions")).to_have_count(0)
+
+
+def test_a_run_with_a_day_that_failed_keeps_its_measures(page: Any) -> None:
+    """The service gives it no score."""
+
+    def without_scores(route: Route) -> None:
+        document = json.loads(json.dumps(answers()["evaluations/ev-days/metrics"], default=str))
+        document["all"]["scores"] = {}
+        route.fulfill(json=document)
+
+    page.page.route("**/v1/evaluations/ev-days/metrics", without_scores)
+    shown: BrowserPage = page.go("/evaluations/ev-days")
+    expect(shown.locator("#scores h3").first).to_have_text("error of three minutes × 10³")
+    expect(shown.locator("#scores")).not_to_contain_text("driving score")

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
 from playwright.sync_api import Page, Request, Route, expect
 
-from tests.service.dashboard.conftest import Site, Visitor
+from tests.service.browsing import Visit, Visitor
+from tests.service.dashboard.conftest import Site
 from tests.service.dashboard.fake import TOKEN, stored
 
+NOTICE = "main [role=alert]:visible"
+BEGUN, FAR = datetime(2026, 3, 2, tzinfo=UTC), datetime(2099, 1, 1, tzinfo=UTC)
 PAIR = "/compare?evaluation=ev-autopilot&evaluation=ev-reckless"
 COLOURS = """canvas => {
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
@@ -92,6 +96,66 @@ def test_an_evaluation_is_read_again_after_a_read_that_failed(visit: Visitor, si
     assert failed
 
 
+def test_an_evaluation_says_that_its_connection_is_lost_until_it_is_there_again(visit: Visitor, site: Site) -> None:
+    one = visit()
+    events = "**/v1/evaluations/ev-live/progress"
+    one.page.route(events, lambda route: route.abort())
+    page = one.go("/evaluations/ev-live")
+    expect(page.locator(NOTICE)).to_contain_text("connection to the service is lost, and tried again")
+    expect(page.locator(NOTICE)).to_contain_text("may be old")
+    page.unroute(events)
+    expect(page.locator(NOTICE)).to_have_count(0)
+    site.fake.events.append({"episode": site.fake.queued.pop(0), "status": "done"})
+    expect(page.locator("[role=progressbar]")).to_have_attribute("aria-valuenow", "5")
+    expect(page.locator(NOTICE)).to_have_count(0)
+
+
+def test_an_evaluation_says_why_it_could_not_be_read_until_it_is_read_again(visit: Visitor, site: Site) -> None:
+    page = visit().go("/evaluations/ev-live")
+    refused = refusing_once(page, "**/v1/evaluations/ev-live/episodes*")
+    site.fake.events.append({"episode": site.fake.queued.pop(0), "status": "done"})
+    expect(page.locator(NOTICE)).to_contain_text("The service refused: 502, Bad Gateway.")
+    expect(page.locator(NOTICE)).to_have_count(0)
+    assert refused
+
+
+def test_a_secret_run_tells_how_many_episodes_are_done_and_not_which(visit: Visitor) -> None:
+    one = visit()
+    page = one.page
+
+    def withheld(route: Route) -> None:
+        document = route.fetch().json()
+        progress = {"total": 12, "done": 5, "running": 2, "queued": 5, "lost": 0, "cancelled": 0}
+        route.fulfill(json=document | {"withheld": True, "seeds": None, "progress": progress})
+
+    def queued(route: Route) -> None:
+        document = route.fetch().json()
+        hidden = {"status": "queued", "scores": None, "seed": None}
+        route.fulfill(json=document | {"items": [one | hidden for one in document["items"]]})
+
+    page.route("**/v1/evaluations/ev-live", withheld)
+    page.route("**/v1/evaluations/ev-live/episodes*", queued)
+    one.go("/evaluations/ev-live")
+    expect(page.locator("#tiles")).to_contain_text("5 / 12")
+    expect(page.locator("#tiles")).to_contain_text("withheld")
+    expect(page.locator("#progress .bar-row")).to_have_count(1)
+    expect(page.locator("[role=progressbar]")).to_have_attribute("aria-valuenow", "5")
+
+
+def test_a_run_without_a_rank_says_why(visit: Visitor) -> None:
+    one = visit()
+
+    def unranked(route: Route) -> None:
+        document = route.fetch().json()
+        document["rows"][-1] |= {"rank": None, "lost_too_many": True, "lost": 11}
+        route.fulfill(json=document)
+
+    one.page.route("**/v1/leaderboard?*", unranked)
+    page = one.go("/")
+    expect(page.locator(".ranked").last).to_contain_text("no rank: lost more than a tenth of its drives")
+    expect(page.locator(".ranked").first).not_to_contain_text("no rank")
+
+
 def test_a_clock_that_is_fast_does_not_load_the_page_of_a_challenge_again_and_again(visit: Visitor) -> None:
     one = visit()
     page = one.page
@@ -132,14 +196,15 @@ def test_the_runs_of_a_team_are_polled_by_one_timer_and_keep_the_focus(visit: Vi
         polls.extend([route.request] if "ranking=" in route.request.url else [])
         route.fulfill(json={"items": [run], "next": None})
 
-    challenge(page, phase("open", datetime(2099, 1, 1, tzinfo=UTC)), team="lab")
+    challenge(page, phase("open", FAR), team="lab")
     page.route("**/v1/me", lambda route: route.fulfill(json={"owner": "lab", "role": "submitter", "token": "tok-1"}))
     page.route("**/v1/challenges/cup/teams", lambda route: route.fulfill(json=[{"name": "lab", "members": ["lab"]}]))
     agents = {"items": [{"name": "alpha", "owner": "lab", "version": 1, "kind": "builtin"}], "next": None}
     page.route("**/v1/agents?*", lambda route: route.fulfill(json=agents))
     page.route("**/v1/evaluations**", runs)
-    page.clock.install()
+    page.clock.install(time=BEGUN)
     one.go("/challenges/cup")
+    page.clock.pause_at(BEGUN + timedelta(hours=1))  # a busy machine is slow, and the clock of the page must not go on
     for _ in range(3):
         page.get_by_role("button", name="start the run", exact=True).click()
         expect(page.get_by_role("button", name="start the run", exact=True)).to_be_enabled()
@@ -147,9 +212,10 @@ def test_the_runs_of_a_team_are_polled_by_one_timer_and_keep_the_focus(visit: Vi
     page.clock.run_for(4500)
     page.wait_for_timeout(500)
     assert len(polls) == before + 1
+    page.clock.run_for(300)
     page.get_by_role("button", name="cancel", exact=True).click()
     run["progress"] = {"total": 12, "done": 2, "running": 1, "lost": 0}
-    page.clock.run_for(3900)
+    page.clock.run_for(3800)
     expect(page.locator("#runs")).to_contain_text("2 / 12")
     assert page.evaluate("document.activeElement.textContent") == "really cancel"
 
@@ -243,6 +309,39 @@ def queue_all(route: Route) -> None:
     route.fulfill(json=document)
 
 
+def test_a_table_that_was_made_anew_leaves_nothing_of_the_one_before(visit: Visitor, site: Site) -> None:
+    site.fake.queued = [name for name in site.fake.records if name.startswith("autopilot")]
+    one = visit()
+    one.page.route("**/v1/evaluations/ev-live/episodes*", queue_all)
+    page = one.go("/evaluations/ev-live")
+    page.evaluate("window.before = new WeakRef(document.querySelector('#episodes table'))")
+    page.unroute("**/v1/evaluations/ev-live/episodes*")
+    site.fake.events.append({"episode": site.fake.queued.pop(0), "status": "done"})
+    expect(page.get_by_label("ending", exact=True)).to_be_visible()
+    assert is_forgotten(page)
+
+
+def test_a_map_that_was_drawn_anew_leaves_nothing_of_the_one_before(visit: Visitor) -> None:
+    one = visit()
+    one.page.route("**/infractions", two_networks)
+    page = one.go("/evaluations/ev-reckless/map")
+    page.evaluate("window.before = new WeakRef(document.querySelector('canvas'))")
+    page.get_by_label("network").select_option("b-town")
+    expect(page.locator("canvas")).to_have_attribute("aria-label", re.compile("Map of b-town"))
+    assert is_forgotten(page)
+    rows = page.locator("tbody tr:visible")
+    expect(rows).to_have_count(17)
+    page.set_viewport_size({"width": 360, "height": 740})
+    expect(rows).to_have_count(12)  # the table still follows the window
+
+
+def is_forgotten(page: Page) -> bool:
+    """Whether nothing on the page holds what `window.before` refers to."""
+    page.wait_for_timeout(500)
+    page.context.new_cdp_session(page).send("HeapProfiler.collectGarbage")
+    return bool(page.evaluate("before.deref() === undefined"))
+
+
 def test_another_ego_of_the_address_changes_facts_and_timeline_and_the_choice_keeps_the_focus(visit: Visitor) -> None:
     replay = json.loads(json.dumps(stored("replay-reckless")))
     [ego] = replay["egos"]
@@ -286,16 +385,17 @@ def test_reasons_that_failed_are_not_asked_for_again_until_the_next_jump(visit: 
     assert len(asked) == 2
 
 
+def two_networks(route: Route) -> None:
+    """Answers as if every second infraction were in another town."""
+    document = route.fetch().json()
+    for i, each in enumerate(document["infractions"]):
+        each["network"] = ("a-town", "b-town")[i % 2]
+    route.fulfill(json=document)
+
+
 def test_the_map_shows_the_network_that_was_chosen_last(visit: Visitor) -> None:
     one = visit()
     late: list[Route] = []
-
-    def two_networks(route: Route) -> None:
-        document = route.fetch().json()
-        for i, each in enumerate(document["infractions"]):
-            each["network"] = ("a-town", "b-town")[i % 2]
-        route.fulfill(json=document)
-
     one.page.route("**/infractions", two_networks)
     page = one.go("/evaluations/ev-reckless/map")
     page.route("**/v1/networks/b-town/map?*", lambda route: late.append(route))
@@ -307,8 +407,8 @@ def test_the_map_shows_the_network_that_was_chosen_last(visit: Visitor) -> None:
     assert "Map of a-town" in str(page.locator("canvas").get_attribute("aria-label"))
 
 
-def test_a_live_world_whose_first_ego_has_ended_is_drawn_and_the_choice_keeps_the_focus(visit: Visitor) -> None:
-    one = visit()
+def live_world(one: Visit) -> Page:
+    """Opens the page of a live world, signed in; its first ego has ended."""
     page = one.page
     replay = stored("replay-reckless")
     route = replay["egos"][0]["route"]
@@ -334,7 +434,12 @@ def test_a_live_world_whose_first_ego_has_ended_is_drawn_and_the_choice_keeps_th
     page.keyboard.press("Enter")
     page.wait_for_url("**/evaluations")
     page.wait_for_selector("main[data-state=ready]")
-    one.go("/worlds/wo-1")
+    return one.go("/worlds/wo-1")
+
+
+def test_a_live_world_whose_first_ego_has_ended_is_drawn_and_the_choice_keeps_the_focus(visit: Visitor) -> None:
+    one = visit()
+    page = live_world(one)
     page.wait_for_selector("canvas")
     expect(page.locator(".facts-panel .command")).to_contain_text("wo-1 east-driver east 8.0")
     page.wait_for_timeout(1000)
@@ -345,6 +450,17 @@ def test_a_live_world_whose_first_ego_has_ended_is_drawn_and_the_choice_keeps_th
     expect(button).to_have_attribute("aria-pressed", "true")
     assert "east" in page.evaluate("document.activeElement.textContent")
     assert one.complaints == []
+
+
+def test_a_world_whose_connection_is_lost_says_so(visit: Visitor) -> None:
+    """The stream of the fake world ends, and the next one is refused by the network."""
+    one = visit()
+    page = live_world(one)
+    page.wait_for_selector("canvas")
+    page.route("**/v1/worlds/wo-1/events", lambda route: route.abort())
+    expect(page.locator(NOTICE)).to_contain_text("connection to the service is lost, and tried again")
+    page.wait_for_timeout(4000)  # the browser tries again after three seconds
+    expect(page.locator(NOTICE)).to_be_visible()
 
 
 @pytest.mark.parametrize(

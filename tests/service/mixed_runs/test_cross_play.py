@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.service.accounts.model import Role
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationEgo, EvaluationStatus
 from dohyo.service.mixed_runs import routes
@@ -34,6 +34,12 @@ def drives(*scores: float, seed: int = 0, hits: str | None = None) -> EpisodeRec
         ego(*(hit if n == 0 else []), name=name, progress_m=10.0 * score)
         for n, (name, score) in enumerate(zip(EGOS, scores, strict=True))
     ]
+    return episode(*egos, name="junction", cell="junction", seed=seed)
+
+
+def gridlocked(seed: int) -> EpisodeRecord:
+    """An episode that is lost for all of its egos, since the traffic around one was gridlocked."""
+    egos = [ego(name=name, status=Status.GRIDLOCK if name == "west" else Status.COMPLETED) for name in EGOS]
     return episode(*egos, name="junction", cell="junction", seed=seed)
 
 
@@ -90,6 +96,31 @@ def test_each_agent_is_scored_beside_each_other_one_and_beside_itself(filled: Sh
         ("a", 36.0, 5),
         ("c", 30.0, 1),
     ]
+
+
+def test_lost_drives_are_counted_beside_the_scores(shop: Shop) -> None:
+    make = {"benchmark": together(shop), "ranked": False}
+    a, b, c = (shop.submission(name) for name in "abc")
+    shop.evaluation(a, [drives(10, 20, 60), gridlocked(seed=1)], egos=others(west=b), **make)
+    shop.evaluation(a, [gridlocked(seed=1)], egos=others(west=b), **make)  # the same drives again
+    shop.evaluation(a, [gridlocked(seed=2)], egos=others(north=c), **make)
+    shop.evaluation(a, [drives(50, 60, 70), gridlocked(seed=3)], **make)
+    document = matrix(shop)
+    assert [(one["agent"], one["score"]["mean"], one["drives"], one["lost"]) for one in document["agents"]] == [
+        ("b", 60.0, 1, 1),
+        ("a", 15.0, 2, 4),
+        ("c", None, 0, 1),
+    ]
+    names = {one["submission"]: one["agent"] for one in document["agents"]}
+    assert {
+        (names[one["submission"]], names[one["other"]]): (one["drives"], one["lost"]) for one in document["cells"]
+    } == {
+        ("b", "a"): (1, 1),
+        ("a", "b"): (2, 2),
+        ("a", "a"): (3, 3),
+        ("a", "c"): (0, 2),
+        ("c", "a"): (0, 1),
+    }
 
 
 def test_only_runs_that_the_reader_may_see_count(private_shop: Shop) -> None:

@@ -11,11 +11,12 @@ import pytest
 
 from dohyo.service.errors import ConflictError
 from dohyo.service.jobs.kind import Task
-from dohyo.service.networks import kinds
+from dohyo.service.networks import finding, kinds
 from dohyo.service.networks.map import map_document
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_path
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from tests.extracts import BLACKPOOL, as_pbf, crossroads
 from tests.service.harness import Caller, Harness, assert_problem
 
@@ -50,6 +51,32 @@ def test_networks_are_listed_with_what_they_hold(service: Harness) -> None:
     assert one["sha256"] == network.sha256
     assert one["crossings"] == int(network.lanes.crossing.sum())
     assert one["origin"] == "dohyo"
+
+
+def test_networks_are_loaded_once_for_their_list(service: Harness, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where there is one more than are kept in memory, each list would load them all again."""
+    paths, loaded = ("/v1/networks", "/v1/networks/ingolstadt"), list[str]()
+    first = [service.client.get(path).json() for path in paths]
+
+    def noted(name: str) -> RoadNetwork:
+        loaded.append(name)
+        return load_network(name)
+
+    monkeypatch.setattr(finding, "load_network", noted)
+    assert [service.client.get(path).json() for path in paths] == first
+    assert loaded == []
+
+
+def test_a_name_that_was_given_to_another_network_shows_the_new_one(service: Harness) -> None:
+    folder = service.services.settings.data / "networks" / "town"
+    folder.mkdir(parents=True)
+    (folder / "network.toml").write_text('title = "Town"\nsource = "made"\nlicence = "CC0"\nfile = "town.net.xml"\n')
+    seen = []
+    for net in (PLAIN, PLAIN.replace(b"200.00", b"250.00")):
+        (folder / "town.net.xml").write_bytes(net)
+        seen.append(service.client.get("/v1/networks/town").json())
+    assert [one["bounds"][2] for one in seen] == [200.0, 250.0]
+    assert seen[0]["sha256"] != seen[1]["sha256"]
 
 
 def test_a_path_is_no_name(service: Harness) -> None:

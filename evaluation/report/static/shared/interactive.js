@@ -12,6 +12,16 @@ const MOST_NARROW = 12;
 const SEARCHED = 4; // fewer rows than this are read faster than searched
 const NARROW = "(max-width: 720px)";
 
+const known = new WeakMap(); // by table; one that has left the page is forgotten, which a listener of its own would prevent
+
+/** Shows the rows of all tables on the page anew. */
+function applyAll() {
+  for (const table of document.querySelectorAll(".interactive > table")) known.get(table)?._apply();
+}
+
+matchMedia(NARROW).addEventListener("change", applyAll);
+addEventListener("hashchange", applyAll);
+
 /**
  * Makes a table interactive; `name` is its prefix in the address, unique on the page.
  * @returns {HTMLElement} the table with its tools around it, in the table's place
@@ -39,8 +49,7 @@ class Interactive {
     this._addHeaders();
     this._addTools();
     table.addEventListener("rows", () => this._renew());
-    matchMedia(NARROW).addEventListener("change", () => this._apply());
-    addEventListener("hashchange", () => this._apply());
+    known.set(table, this);
     this._apply();
   }
 

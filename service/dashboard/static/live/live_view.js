@@ -14,7 +14,7 @@ import { LiveDrive } from "./live_drive.js";
  * @param {HTMLElement} place
  * @param world its document
  * @param {{tools: Node[], keys: Object<string, () => void>, scene: (scene: any) => void, state: (state: any) => void,
- *   lost: (error: Error) => void, end: (end: any) => void}} page what the page adds, and is told
+ *   end: (end: any) => void, notice: {tell: (error?: Error) => void, clear: () => void}}} page what the page adds, and is told
  * @returns {{choose: (name: string) => void}}
  */
 export function watch(place, world, page) {
@@ -38,13 +38,13 @@ export function watch(place, world, page) {
     },
   };
   const reread = async () => {
-    const now = await get(path).catch(page.lost);
-    if (!now) return true;
+    const now = await get(path);
     if (now.finished) heard.end(now);
     else page.state(now);
     return !now.finished;
   };
-  const stop = listen(`${path}/events`, Object.keys(heard), (data, name) => heard[name](data), reread);
+  const hear = (data, name) => heard[name](data);
+  const stop = listen(`${path}/events`, Object.keys(heard), { hear, reread, notice: page.notice });
   return {
     choose(name) {
       const ego = drive?.egos.find((one) => one.name === name);

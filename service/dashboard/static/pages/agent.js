@@ -1,12 +1,13 @@
 /** One agent: its scores, its score in each cell, its infractions beside the median of all agents, its evaluations. */
 
 import { get, getAll, page } from "../api.js";
+import { readBoard } from "../board.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { missing, whisker } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, short } from "../format.js";
 import { agentsOf, isMixed } from "../mixed.js";
-import { scoreOf, shown } from "../scores.js";
+import { goodness, hasInfractions, scoreOf, shown } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { overVersions } from "../versions.js";
@@ -66,7 +67,7 @@ async function benchmarkPart(evaluation, evaluations) {
   const name = evaluation.benchmark;
   const [metrics, board] = await Promise.all([
     get(`/v1/evaluations/${encodeURIComponent(evaluation.id)}/metrics`).catch(() => null),
-    get(`/v1/leaderboard?benchmark=${encodeURIComponent(name)}`).catch(() => ({ rows: [] })),
+    readBoard(new URLSearchParams({ benchmark: name })).catch(() => ({ rows: [], total: 0 })),
   ]);
   if (!metrics) return null;
   const versions = await scoresByVersion(evaluation, evaluations);
@@ -82,7 +83,7 @@ async function benchmarkPart(evaluation, evaluations) {
     ),
     measures(whole, 6),
     versions.length > 1 && overVersions(versions, headline(whole)),
-    h("div", { class: "columns" }, whole.scores.aligned ? null : infractionsPart(whole, board.rows), cellsPart(Object.entries(metrics.cells))),
+    h("div", { class: "columns" }, hasInfractions(whole.scores) && infractionsPart(whole, board), cellsPart(Object.entries(metrics.cells), whole)),
   );
 }
 
@@ -103,7 +104,8 @@ async function scoresByVersion(evaluation, evaluations) {
   return points.filter(({ estimate }) => typeof estimate?.mean === "number");
 }
 
-function infractionsPart(whole, field) {
+function infractionsPart(whole, { rows: field, total }) {
+  const others = field.length < total ? `the first ${field.length} agents` : "all agents";
   const rows = Object.keys(words.marks)
     .map((kind) => ({ kind, own: whole.per_km[kind], median: median(field.map((one) => one.per_km[kind] ?? 0)) }))
     .filter((row) => (row.own?.mean ?? 0) > 0 || (row.median ?? 0) > 0);
@@ -115,7 +117,7 @@ function infractionsPart(whole, field) {
       csv: (row) => row.kind,
     },
     { title: "per km", css: "estimate", cell: (row) => whisker(row.own, top), csv: (row) => row.own?.mean },
-    { title: "median of all agents", numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
+    { title: `median of ${others}`, numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
   ];
   return h(
     "div",
@@ -133,22 +135,23 @@ function median(values) {
   return (sorted[Math.floor((sorted.length - 1) / 2)] + sorted[Math.ceil((sorted.length - 1) / 2)]) / 2;
 }
 
-/** A grid of cells, each with its name and mean score; the higher the score, the stronger the shade. */
-function cellsPart(cells) {
-  const { key, title } = scoreOf(cells.some(([, cell]) => cell.scores.closed_loop) ? "closed_loop" : "success");
+/** A grid of cells, each with its name and mean score; the better, the stronger the shade. */
+function cellsPart(cells, whole) {
+  const closed = cells.some(([, cell]) => cell.scores.closed_loop);
+  const told = closed ? scoreOf("closed_loop") : whole.scores.success ? scoreOf("success") : headline(whole);
+  const { key, title, unit } = told;
   return h(
     "div",
     {},
-    h("div", { class: "heading sub" }, h("h3", {}, `${title[0].toUpperCase()}${title.slice(1)} by cell`, h("span", { class: "unit" }, " %"))),
+    h("div", { class: "heading sub" }, h("h3", {}, `${title[0].toUpperCase()}${title.slice(1)} by cell`, h("span", { class: "unit" }, ` ${unit}`))),
     h(
       "div",
       { class: "panel cells" },
       cells.map(([name, cell]) => {
         const score = cell.scores[key];
-        const share = (score?.mean ?? 0) / 100;
         return h(
           "div",
-          { class: "cell", style: { "--share": (0.35 * share).toFixed(2) } },
+          { class: "cell", style: { "--share": (0.35 * goodness(score?.mean, told)).toFixed(2) } },
           h("div", { class: "cell-name" }, name),
           h("b", {}, number(score?.mean)),
           h("span", { class: "quiet" }, ` n=${score?.n ?? 0}`),

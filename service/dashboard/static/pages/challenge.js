@@ -1,12 +1,13 @@
 /** One challenge: what is announced, its phases with their boards, the reader's own team and runs, and the rules. */
 
 import { get, getAll, page, send } from "../api.js";
-import { columnsOf } from "../board.js";
+import { columnsOf, partText, readBoard } from "../board.js";
 import { byId, fill, h } from "../dom.js";
 import { missing } from "../estimate.js";
 import { bar, standing } from "../evaluation.js";
 import { confirmed, field, form, select } from "../forms.js";
 import { moment, number } from "../format.js";
+import { staleNotice } from "../notice.js";
 import { conditions, countdown, nextMoment, period, runsLeft, stateOf } from "../phases.js";
 import { prose } from "../prose.js";
 import { colours, subject } from "../subject.js";
@@ -110,7 +111,7 @@ async function boardPart(phase) {
     fill(byId("board"), h("p", { class: "note" }, `The board of this phase is shown to its ${phase.board} alone.`));
     return;
   }
-  const board = await get(`/v1/leaderboard?ranking=${encodeURIComponent(phase.id)}`);
+  const board = await readBoard(new URLSearchParams({ ranking: phase.id }));
   const colour = await colours(board.rows.map((row) => row.agent));
   const columns = columnsOf(board.rows, board.metric, colour, 3);
   const csv = `/v1/leaderboard.csv?ranking=${encodeURIComponent(phase.id)}`;
@@ -123,6 +124,7 @@ async function boardPart(phase) {
     h(
       "p",
       { class: "note" },
+      partText(board),
       `Ranked by ${board.description}. Rows without a significant difference on the same drives share a rank. P(A better) is the probability that a row (A) is better than the row above (B). `,
       "Run by the service: built-in and ONNX agents; of a remote agent, computing time, memory and program cannot be checked. Runs: ranked runs ordered, and after the minus sign attempts at episodes that gave no record. ",
       h("a", { href: csv }, "CSV"),
@@ -137,7 +139,7 @@ async function teamPart(challenge) {
   const mine = agents.filter((one) => one.owner === me.owner && one.version);
   const runs = h("div", { id: "runs" });
   const quota = h("div", {});
-  const problem = h("p", { class: "problem", role: "alert", hidden: true });
+  const notice = staleNotice();
   const cancels = new Map();
   const began = turns();
   let timer = 0;
@@ -150,7 +152,7 @@ async function teamPart(challenge) {
     const isLast = began();
     const all = await readRuns(challenge, members, mine);
     if (!isLast()) return;
-    problem.hidden = true;
+    notice.clear();
     fill(quota, quotas(challenge, all, members)); // it changes with time alone, too
     if (shown !== JSON.stringify(all)) showRuns(runs, challenge, all, (run) => cancelOf(cancels, run, me, again));
     shown = JSON.stringify(all);
@@ -158,8 +160,7 @@ async function teamPart(challenge) {
   };
   const again = () =>
     show().catch((error) => {
-      problem.textContent = `The runs could not be read, and are read again soon: ${error.message}`;
-      problem.hidden = false;
+      notice.tell(error);
       later(RETRY_MS);
     });
   fill(
@@ -170,7 +171,7 @@ async function teamPart(challenge) {
     mine.length
       ? starting(challenge, mine, again)
       : h("section", { class: "state" }, h("h3", {}, "No agent yet"), h("p", {}, h("a", { class: "button", href: `/submit?challenge=${encodeURIComponent(name)}` }, "submit an agent"))),
-    problem,
+    notice.element,
     runs,
   );
   await show();

@@ -4,8 +4,9 @@ import { ApiError, get, getAll, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.js";
 import { isLost } from "../evaluation.js";
+import { familyOf, sideScore } from "../families.js";
 import { number, short } from "../format.js";
-import { scoreOf, shown } from "../scores.js";
+import { goodness, shown } from "../scores.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { SIGNS, ending, meaning } from "../words.js";
@@ -33,7 +34,7 @@ page(async () => {
   }
   const answer = await get(comparison(ids)).catch(refused);
   if (!answer) return;
-  const given = named(answer);
+  const given = { ...named(answer), family: familyOf(answer), score: sideScore(answer) };
   const colour = await colours(given.evaluations.map((one) => one.agent));
   fill(
     byId("content"),
@@ -57,7 +58,7 @@ page(async () => {
   );
   await matrix(given);
   const chosen = given.scenarios.find((one) => key(one) === query.get("scenario"));
-  if (chosen) await watch(given, chosen, colour, false);
+  if (chosen && given.family.replays) await watch(given, chosen, colour, false);
 });
 
 /** Gives each side a name: its agent, with the version where agents are equal, and its place where versions are too. */
@@ -113,7 +114,7 @@ function scores(given, colour) {
         h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
       csv: (row) => estimateCells(key, row.scores[key]),
     })),
-    given.evaluations.some((row) => row.lost > 0) && { title: "lost", unit: "drives", numeric: true, cell: (row) => row.lost },
+    given.evaluations.some((row) => row.lost > 0) && { title: "lost", unit: given.family.many, numeric: true, cell: (row) => row.lost },
   ].filter(Boolean);
   return h(
     "section",
@@ -125,11 +126,12 @@ function scores(given, colour) {
 
 function pairs(given, colour) {
   const sides = new Map(given.evaluations.map((one) => [one.evaluation, one]));
+  const { one, many } = given.family;
   const linked = ({ name, agent }) => agentName(name, colour[agent], pathOf(agent));
   return h(
     "section",
     {},
-    h("h2", {}, "Differences on the same drives (A minus B)"),
+    h("h2", {}, `Differences on the same ${many} (A minus B)`),
     h(
       "div",
       { class: "columns" },
@@ -165,7 +167,7 @@ function pairs(given, colour) {
           ),
           rows.length
             ? h("div", { class: "panel wide" }, table(columns, rows, { name: `pair${place + 1}` }))
-            : h("p", { class: "note" }, "No drive in common."),
+            : h("p", { class: "note" }, `No ${one} in common.`),
         );
       }),
     ),
@@ -176,52 +178,46 @@ function pairs(given, colour) {
       h("b", {}, "<"),
       " or ",
       h("b", {}, ">"),
-      ": a test by flipped signs tells the mean from 0 at 5 %; fewer than six drives never do. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.",
+      `: a test by flipped signs tells the mean from 0 at 5 %; fewer than six ${many} never do. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.`,
     ),
   );
 }
 
-const closed = (given) => given.metric === "closed_loop";
-const parking = (given) => Boolean(given.evaluations[0].scores.aligned);
-const scoreName = (given) => (closed(given) ? "closed loop" : parking(given) ? "success" : "DS");
-
-/** Score of one side in a scenario: the closed-loop score where that is the headline, else the driving score. */
-const told = (given, scenario, i) => (closed(given) ? scenario.values[i] : scenario.driving_scores[i]);
-
 const key = (one) => `${one.scenario}-s${one.seed}`;
 
 function scenarios(given, colour) {
+  const { family, score } = given;
   if (!given.scenarios.length)
     return h(
       "section",
       {},
       h("h2", {}, "Where they differ most"),
-      h("p", { class: "note" }, "No scenario that all of these agents drove differs in this score."),
+      h("p", { class: "note" }, `No ${family.scenario} of all these agents differs in this score.`),
     );
   const columns = [
-    { title: "scenario", cell: (row) => row.scenario },
+    { title: family.scenario, cell: (row) => row.scenario },
     { title: "seed", numeric: true, cell: (row) => row.seed },
     ...given.evaluations.map((one, i) => ({
       title: one.name,
-      unit: `${scoreName(given)}, %`,
+      unit: `${score.name}, ${score.unit}`,
       key: one.name,
       cell: (row) =>
         h(
           "a",
           { href: `/episodes/${encodeURIComponent(row.episodes[i])}`, class: "outcome" },
-          number(told(given, row, i)),
+          number(score.of(row)[i]),
           " ",
           how(row.statuses?.[i]),
         ),
-      csv: (row) => told(given, row, i),
+      csv: (row) => score.of(row)[i],
     })),
     { title: "spread", numeric: true, cell: (row) => number(row.spread) },
-    {
+    family.replays && {
       title: "replays",
       csv: null,
       cell: (row) => h("button", { type: "button", click: () => watch(given, row, colour) }, "side by side"),
     },
-  ];
+  ].filter(Boolean);
   return h(
     "section",
     {},
@@ -230,47 +226,46 @@ function scenarios(given, colour) {
   );
 }
 
-/** Missions by agents: the mean headline score over seeds; the higher the score, the stronger the shade. */
-async function matrix(given) {
-  if (parking(given)) return; // all lots are one mission
+/** Missions or days by agents: the mean score over seeds; the better, the stronger the shade. */
+async function matrix({ evaluations, family, score }) {
+  if (!family.mission) return;
   const sides = await Promise.all(
-    given.evaluations.map((one) => getAll(`/v1/evaluations/${encodeURIComponent(one.evaluation)}/episodes`).catch(() => [])),
+    evaluations.map((one) => getAll(`/v1/evaluations/${encodeURIComponent(one.evaluation)}/episodes`).catch(() => [])),
   );
   const scoresOf = (side, mission) =>
     side
       .filter((one) => one.scenario === mission && one.status === "done" && !isLost(one))
-      .flatMap((one) => one.summary?.egos ?? [])
-      .map((ego) => (closed(given) ? ego.closed_loop?.closed_loop : ego.ds))
-      .filter((score) => score !== undefined && score !== null);
+      .flatMap(score.ofEgos);
   const mean = (scores) => (scores.length ? scores.reduce((sum, one) => sum + one, 0) / scores.length : null);
   const missions = [...new Set(sides.flat().map((one) => one.scenario))];
   const rows = missions.map((mission) => ({ mission, scores: sides.map((side) => scoresOf(side, mission)) }));
   if (!rows.length) return;
   const columns = [
-    { title: "mission", cell: (row) => row.mission, csv: (row) => row.mission },
-    ...given.evaluations.map((one, i) => ({
+    { title: family.mission, cell: (row) => row.mission, csv: (row) => row.mission },
+    ...evaluations.map((one, i) => ({
       title: `${one.agent} v${one.version}`,
-      unit: `${scoreName(given)}, %`,
+      unit: `${score.name}, ${score.unit}`,
       key: `${one.agent}-${i + 1}`,
       numeric: true,
       css: "shaded",
-      cell: (row) => shaded(mean(row.scores[i]), row.scores[i].length),
+      cell: (row) => shaded(mean(row.scores[i]), row.scores[i].length, score),
       csv: (row) => mean(row.scores[i]) ?? "",
     })),
   ];
+  const heading = family.mission === "day" ? "Days by agents" : "Missions by agents";
   fill(
     byId("matrix"),
-    h("div", { class: "heading" }, h("h2", {}, "Missions by agents"), copyButton(columns, rows)),
-    h("div", { class: "panel wide" }, table(columns, rows, { name: "missions", caption: "Missions by agents" })),
-    h("p", { class: "note" }, "Mean over the drives of a mission; the higher, the stronger the shade."),
+    h("div", { class: "heading" }, h("h2", {}, heading), copyButton(columns, rows)),
+    h("div", { class: "panel wide" }, table(columns, rows, { name: "missions", caption: heading })),
+    h("p", { class: "note" }, `Mean of each ${family.mission} over its seeds; the better, the stronger the shade.`),
   );
 }
 
-const shaded = (score, n) =>
+const shaded = (value, n, score) =>
   h(
     "span",
-    { class: "shade", style: { "--share": (0.4 * Math.max(0, score ?? 0)) / 100 }, title: `n=${n}` },
-    number(score),
+    { class: "shade", style: { "--share": 0.4 * goodness(value, score) }, title: `n=${n}` },
+    number(value),
     h("span", { class: "quiet" }, ` n=${n}`),
   );
 
@@ -321,11 +316,12 @@ const unread = (error) => h("p", { class: "problem", role: "alert" }, `The repla
 
 function title(given, scenario, i, colour) {
   const { agent, name } = given.evaluations[i];
+  const { score } = given;
   return h(
     "span",
     {},
     agentName(name, colour[agent], null),
-    h("span", { class: "quiet" }, `  ${scoreName(given)} ${number(told(given, scenario, i))} %  `),
+    h("span", { class: "quiet" }, `  ${score.name} ${number(score.of(scenario)[i])} ${score.unit}  `),
     h("a", { href: `/episodes/${encodeURIComponent(scenario.episodes[i])}` }, "open replay"),
   );
 }

@@ -4,13 +4,14 @@ import { get, getAll, listen, page } from "../api.js";
 import { byId, fill, h, mark, s } from "../dom.js";
 import { agentName, missing } from "../estimate.js";
 import { bar, isLost, measures, standing } from "../evaluation.js";
-import { moment, number, seconds, span } from "../format.js";
+import { moment, number, span } from "../format.js";
 import { measureColumns, measuredBy, worstFirst } from "../measured.js";
 import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
+import { staleNotice } from "../notice.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, renewed, table } from "../table.js";
 import { turns } from "../turns.js";
-import { SIGNS, ending, label, meaning, words } from "../words.js";
+import { SIGNS, ending, infractionText, label, meaning, words } from "../words.js";
 
 const REFRESH_MS = 1500;
 const RETRY_MS = 10_000;
@@ -21,6 +22,7 @@ const id = subject();
 const base = `/v1/evaluations/${encodeURIComponent(id)}`;
 const finished = (status) => ["done", "failed", "cancelled"].includes(status);
 const state = { evaluation: null, episodes: [], metrics: null, colour: {}, started: performance.now(), before: 0 };
+const notice = staleNotice();
 const reads = turns();
 const attempts = turns();
 
@@ -33,6 +35,7 @@ page(async () => {
   fill(
     byId("content"),
     title(),
+    notice.element,
     h("dl", { class: "tiles", id: "tiles" }),
     h(
       "section",
@@ -72,17 +75,18 @@ function live() {
   let timer = 0;
   const refresh = (wait_ms = REFRESH_MS) => {
     clearTimeout(timer);
-    timer = setTimeout(() => renew().catch(later), wait_ms);
+    timer = setTimeout(() => renew().then(notice.clear, later), wait_ms);
   };
   const later = (error) => {
     console.info(error);
+    notice.tell(error);
     refresh(RETRY_MS);
   };
   const reread = async () => {
     await renew();
     return !finished(state.evaluation.status);
   };
-  const stop = listen(`${base}/progress`, ["state", "episode", "end"], (event, name) => {
+  const hear = (event, name) => {
     if (name === "episode") {
       const episode = state.episodes.find((one) => one.id === event.episode);
       if (episode) episode.status = event.status;
@@ -92,7 +96,8 @@ function live() {
     if (name === "end") stop();
     showProgress();
     refresh();
-  }, reread);
+  };
+  const stop = listen(`${base}/progress`, ["state", "episode", "end"], { hear, reread, notice });
 }
 
 function show() {
@@ -126,7 +131,9 @@ const isParking = () => state.episodes[0]?.cell === "lot";
 
 const count = (status, some = state.episodes) => some.filter((one) => one.status === status).length;
 const countLost = (some = state.episodes) => some.filter(isLost).length;
-const ended = () => count("done") + count("lost") + count("cancelled");
+/** Episodes of a status; of a secret run it is told how many there are, and not which. */
+const total = (status) => (state.evaluation.withheld ? state.evaluation.progress[status] : count(status));
+const ended = () => total("done") + total("lost") + total("cancelled");
 
 function showProgress() {
   const { evaluation, episodes } = state;
@@ -136,32 +143,17 @@ function showProgress() {
     byId("tiles"),
     [
       ["status", standing(evaluation.status)],
-      ["episodes", `${count("done")} / ${episodes.length}`],
+      ["episodes", `${total("done")} / ${episodes.length}`],
       ["lost", String(countLost())],
       ["time left", finished(evaluation.status) ? "—" : rate > 0 ? `about ${span(left / rate)}` : "unknown"],
-      ["seeds", String(evaluation.seeds.length)],
+      ["seeds", evaluation.seeds ? String(evaluation.seeds.length) : "withheld"],
       ["started", moment(evaluation.started ?? evaluation.created)],
     ].map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
   );
   const cells = [...new Set(episodes.map((one) => one.cell))];
   fill(
     byId("progress"),
-    cells.map((cell) => {
-      const own = episodes.filter((one) => one.cell === cell);
-      const numbers = {
-        done: count("done", own.filter((one) => !isLost(one))),
-        running: count("running", own),
-        lost: countLost(own),
-        total: own.length,
-      };
-      return h(
-        "div",
-        { class: "bar-row" },
-        h("span", {}, cell),
-        bar(numbers, `cell ${cell}`),
-        h("span", { class: "number numeric" }, `${count("done", own)} / ${numbers.total}`),
-      );
-    }),
+    evaluation.withheld ? progressRow("all cells", evaluation.progress, evaluation.progress.done) : cells.map(progressOf),
     evaluation.failure && h("p", { class: "problem" }, evaluation.failure),
     h(
       "p",
@@ -173,10 +165,27 @@ function showProgress() {
   );
 }
 
+function progressOf(cell) {
+  const own = state.episodes.filter((one) => one.cell === cell);
+  const done = count("done", own.filter((one) => !isLost(one)));
+  const numbers = { done, running: count("running", own), lost: countLost(own), total: own.length };
+  return progressRow(`cell ${cell}`, numbers, count("done", own), cell);
+}
+
+const progressRow = (label, numbers, done, title = label) =>
+  h(
+    "div",
+    { class: "bar-row" },
+    h("span", {}, title),
+    bar(numbers, label),
+    h("span", { class: "number numeric" }, `${done} / ${numbers.total}`),
+  );
+
 function showScores() {
   const summary = state.metrics?.all;
+  const kind = measuredBy(state.episodes[0]);
   if (summary && isMixed(state.evaluation)) fill(byId("scores"), byAgent(state.metrics, state.colour));
-  else if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, measuredBy(state.episodes[0]) ? 8 : 4));
+  else if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, kind ? 8 : 4, kind?.keys[0]));
 }
 
 function showEpisodes() {
@@ -380,8 +389,8 @@ function route(row) {
         { x: at(one.route_m), y: 12, overflow: "visible" },
         s(
           "a",
-          { href: `/episodes/${encodeURIComponent(row.id)}#t=${one.time_s.toFixed(1)}` },
-          s("title", {}, `${label(one.kind)} at ${seconds(one.time_s)} s`),
+          { href: `/episodes/${encodeURIComponent(row.id)}#t=${one.time_s.toFixed(1)}`, class: one.at_fault === false ? "innocent" : null },
+          s("title", {}, infractionText(one)),
           s("path", { d: words.marks[one.kind].path }),
         ),
       ),
@@ -398,6 +407,6 @@ function key(rows) {
       "p",
       { class: "note key" },
       kinds.map((kind) => h("span", {}, mark(kind, words.marks[kind].path), label(kind))),
-      h("span", {}, "a mark opens the replay at the time of its infraction"),
+      h("span", {}, "a hollow mark: not at fault; a mark opens the replay at the time of its infraction"),
   );
 }

@@ -1,7 +1,7 @@
 /** Ranking of the agents on one benchmark version, by track. */
 
-import { get, getAll, page } from "../api.js";
-import { columnsOf, kindsOn } from "../board.js";
+import { get, page } from "../api.js";
+import { columnsOf, kindsOn, partText, readBoard } from "../board.js";
 import { crossPlay } from "../cross_play.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { short } from "../format.js";
@@ -18,7 +18,7 @@ page(async () => {
   const name = query.get("benchmark") ?? (await firstDriven(benchmarks)) ?? "quickstart";
   const asked = new URLSearchParams({ benchmark: name });
   for (const key of ["version", "track"]) if (query.get(key)) asked.set(key, query.get(key));
-  const board = await get(`/v1/leaderboard?${asked}`);
+  const board = await readBoard(asked);
   const { rows } = board;
   const colour = await colours(rows.map((row) => row.agent));
   const columns = columnsOf(rows, board.metric ?? "driving_score", colour);
@@ -44,8 +44,8 @@ page(async () => {
 
 /** The benchmark of a finished evaluation, else quickstart. */
 async function firstDriven(benchmarks) {
-  const done = await getAll("/v1/evaluations?status=done&limit=1", 1).catch(() => []);
-  return done[0]?.benchmark ?? benchmarks.find((one) => one.name === "quickstart")?.name;
+  const done = await get("/v1/evaluations?status=done&limit=1").catch(() => null);
+  return done?.items[0]?.benchmark ?? benchmarks.find((one) => one.name === "quickstart")?.name;
 }
 
 function filters(benchmarks, versions, name, query, copy) {
@@ -110,6 +110,7 @@ function notes(board, rows, asked) {
     h(
       "p",
       { class: "note" },
+      partText(board),
       `Ranked by ${board.description}. `,
       "Rows without a significant difference on the same drives share a rank. Vs above: the paired test of this row (A) against the row above (B); P(A better) is the probability that A is better. ",
       "Version ",

@@ -3,12 +3,12 @@
 import { get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
 import { estimateCells, scale, whisker } from "../estimate.js";
+import { FAMILIES } from "../families.js";
 import { interval, number } from "../format.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 
 const PERCENT = 100; // upper end of the axis of scores that are shares
-const UNITS = { driving: "drives", parking: "lots", forecasting: "days", freeway: "mornings" };
 
 const LEADERS = [
   { title: "discipline", cell: (one) => h("a", { href: `#${one.name}` }, one.title), csv: (one) => one.name },
@@ -84,7 +84,7 @@ function section(discipline, colour) {
       csv: (place) => estimateCells(measure.key, place.scores[measure.key]),
     })),
     { title: "better than", css: "plain small", cell: (place) => place.better_than.join(", ") || "nobody", csv: (place) => ({ better_than: place.better_than.length }) },
-    { title: UNITS[discipline.family], numeric: true, cell: (place) => counted(place), csv: (place) => ({ counted: place.counted }) },
+    { title: FAMILIES[discipline.family].many, numeric: true, cell: (place) => counted(place), csv: (place) => ({ counted: place.counted }) },
     { title: "decision", unit: "ms", numeric: true, cell: (place) => (place.decision_ms === null ? "" : number(place.decision_ms)), csv: (place) => ({ decision_ms: place.decision_ms }) },
     { title: "its source says", css: "plain small quiet", cell: (place) => place.reported ?? "", csv: (place) => ({ reported: place.reported ?? "" }) },
   ];

@@ -2,11 +2,12 @@
 
 import { get, page } from "../api.js";
 import { byId, fill, h, mark } from "../dom.js";
+import { missing } from "../estimate.js";
 import { number, seconds } from "../format.js";
 import { subject } from "../subject.js";
 import { copyButton, renewed, table } from "../table.js";
 import { turns } from "../turns.js";
-import { label, words } from "../words.js";
+import { fault, infractionText, label, words } from "../words.js";
 import { GroundMap } from "../replay/ground.js";
 import { roads } from "../replay/player.js";
 
@@ -14,6 +15,7 @@ const BEFORE_S = 5;
 const AROUND_M = 80;
 
 const id = subject();
+let drawn = new AbortController(); // of the map that is shown
 
 page(async () => {
   const base = `/v1/evaluations/${encodeURIComponent(id)}`;
@@ -121,7 +123,9 @@ function draw(place, list, network, infractions, box, map) {
     ),
     list,
   );
-  const ground = new GroundMap(canvas, map, box, { tip, describe, open });
+  drawn.abort();
+  drawn = new AbortController();
+  const ground = new GroundMap(canvas, map, box, { tip, describe, open }, drawn.signal);
   tools.append(
     h("button", { type: "button", "aria-label": "zoom in", click: () => ground.zoom(1.6) }, "+"),
     h("button", { type: "button", "aria-label": "zoom out", click: () => ground.zoom(1 / 1.6) }, "−"),
@@ -154,7 +158,7 @@ const open = (one) => location.assign(replayOf(one));
 function describe(cluster) {
   const [one] = cluster.items;
   if (cluster.items.length > 1) return `${cluster.items.length} × ${label(one.kind)}: press to zoom in`;
-  return `${label(one.kind)} · ${one.scenario}, seed ${one.seed}, at ${seconds(one.time_s)} s: press to open the replay`;
+  return `${infractionText(one)} · ${one.scenario}, seed ${one.seed}: press to open the replay`;
 }
 
 function showList(place, infractions) {
@@ -170,6 +174,12 @@ function showList(place, infractions) {
           label(row.kind),
         ),
       csv: (row) => row.kind,
+    },
+    {
+      title: "fault",
+      choice: true,
+      cell: (row) => fault(row) || missing("only collisions are judged; those of earlier versions were not"),
+      csv: (row) => fault(row) || "not judged",
     },
     { title: "scenario", cell: (row) => h("a", { href: replayOf(row) }, row.scenario), csv: (row) => row.scenario },
     { title: "seed", numeric: true, cell: (row) => row.seed },

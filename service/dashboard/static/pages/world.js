@@ -6,6 +6,7 @@ import { moment, seconds, short } from "../format.js";
 import { joinedBy } from "../live/instructions.js";
 import { watch } from "../live/live_view.js";
 import { standing } from "../live/standing.js";
+import { staleNotice } from "../notice.js";
 import { chosenEgo, why } from "../replay/facts.js";
 import { loadFrom, play } from "../replay/player.js";
 import { subject } from "../subject.js";
@@ -42,9 +43,9 @@ function live(world, mayChange) {
   const status = h("p", { role: "status" });
   const egos = h("ul", { class: "egos" });
   const problem = h("p", { class: "problem", role: "alert" });
-  const broken = h("p", { class: "problem", role: "alert" });
+  const notice = staleNotice();
   const join = h("section", {});
-  const facts = h("aside", { class: "facts-panel", "aria-label": "Drivers" }, status, problem, broken, h("h2", {}, "Egos"), egos, join);
+  const facts = h("aside", { class: "facts-panel", "aria-label": "Drivers" }, status, problem, notice.element, h("h2", {}, "Egos"), egos, join);
   const theatre = h("section", { class: "theatre", "aria-label": "Live view" }, h("p", { class: "loading waiting" }, "Waiting for the first scene …"));
   fill(byId("content"), heading(world), h("div", { class: "episode" }, theatre, facts));
 
@@ -61,7 +62,6 @@ function live(world, mayChange) {
   let chosen = null;
   const showState = (next) => {
     state = next;
-    broken.textContent = "";
     fill(status, standing(state.status, "large"));
     tools.show(state.status);
     showEgos();
@@ -89,6 +89,7 @@ function live(world, mayChange) {
     tools: tools.elements,
     keys: mayChange ? tools.keys : {},
     state: showState,
+    notice,
     scene(scene) {
       tools.time.textContent = `${seconds(scene.time_s)} s`;
       tools.time.title = `tick ${scene.tick}`;
@@ -96,9 +97,6 @@ function live(world, mayChange) {
         const row = rows.get(state?.egos[i].name);
         if (row) row.speed.textContent = speed.toFixed(1);
       });
-    },
-    lost(error) {
-      broken.textContent = `The connection to the world is lost, and tried again: ${error.message}`;
     },
     async end() {
       const ended = await get(path());

@@ -3,7 +3,7 @@
 import { h, s } from "../dom.js";
 import { seconds } from "../format.js";
 import { copyText } from "../table.js";
-import { label } from "../words.js";
+import { infractionText } from "../words.js";
 import { CameraControls, isForPage } from "./camera_controls.js";
 import { RATES } from "./clock.js";
 
@@ -75,7 +75,7 @@ export class Controls {
       return;
     }
     this.clock.seek(found.time_s);
-    this.said.textContent = `${label(found.kind)} at ${seconds(found.time_s)} s`;
+    this.said.textContent = infractionText(found);
   }
 
   async _copy() {

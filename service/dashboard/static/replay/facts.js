@@ -2,7 +2,7 @@
 
 import { fill, h, mark } from "../dom.js";
 import { number, seconds } from "../format.js";
-import { SIGNS, ending, label, meaning, words } from "../words.js";
+import { SIGNS, ending, fault, label, meaning, words } from "../words.js";
 import { parked } from "./parked.js";
 import { explain, explainClosedLoop } from "./score.js";
 
@@ -60,9 +60,5 @@ function titleOf(ego) {
   return ego.infractions.length ? `${what[0].toUpperCase()}${what.slice(1)}s (${ego.infractions.length})` : `No ${what}`;
 }
 
-function detail(one) {
-  const fault = one.at_fault === null || one.at_fault === undefined ? "" : one.at_fault ? "at fault" : "not at fault";
-  return [one.magnitude ? `${number(one.magnitude)} ${one.unit}` : "", one.actor ?? "", fault]
-    .filter(Boolean)
-    .join(" · ");
-}
+const detail = (one) =>
+  [one.magnitude ? `${number(one.magnitude)} ${one.unit}` : "", one.actor ?? "", fault(one)].filter(Boolean).join(" · ");

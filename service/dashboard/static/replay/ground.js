@@ -26,8 +26,9 @@ export class GroundMap {
    * @param map geometry of the roads
    * @param {number[]} box the part shown first: x0, y0, x1, y1, m
    * @param {{tip: HTMLElement, describe: (cluster: any) => string, open: (infraction: any) => void}} does
+   * @param {AbortSignal} signal after which it watches nothing
    */
-  constructor(canvas, map, box, does) {
+  constructor(canvas, map, box, does, signal) {
     Object.assign(this, { canvas, does, box, fitted: false });
     this.context = canvas.getContext("2d", { alpha: false });
     this.camera = new Camera();
@@ -39,11 +40,12 @@ export class GroundMap {
     this.clusters = [];
     canvas.classList.add("free");
     new ResizeObserver(() => this._resize()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    const recolour = () => {
       this.colours = readColours(canvas);
       this.scene.forget();
       this.draw();
-    });
+    };
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour, { signal });
     steer(canvas, this.camera, () => this.draw());
     this._listen();
     this._resize();

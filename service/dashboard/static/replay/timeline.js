@@ -2,7 +2,7 @@
 
 import { h, mark, s } from "../dom.js";
 import { number, seconds } from "../format.js";
-import { label, words } from "../words.js";
+import { infractionText, words } from "../words.js";
 
 const STRIPS = [
   { key: "speed", title: "speed", unit: "m/s", floor: 0 },
@@ -104,7 +104,7 @@ export class Timeline {
           type: "button",
           class: "moment",
           tabindex: -1,
-          title: `${label(one.kind)} at ${seconds(one.time_s)} s`,
+          title: infractionText(one),
           style: { left: `${(100 * one.time_s) / Math.max(this.clock.duration, 0.1)}%` },
           click: () => this.clock.seek(one.time_s),
         },
