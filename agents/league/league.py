@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
 from dohyo.agents.league.evaluating import Progress, check_entrant, evaluate
-from dohyo.agents.league.rows import read_league_rows
+from dohyo.agents.league.rows import check_version, read_league_rows
 from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.studies.rows import Row, is_lost
 from dohyo.agents.studies.study import FACTS, ROWS
@@ -54,7 +54,7 @@ def run(
 
     Raises:
         UnknownNameError: A name is not in the edition.
-        InvalidInputError: An entrant cannot be made, or `rows` has rows of another edition.
+        InvalidInputError: An entrant cannot be made, or `rows` has rows of another edition or version of dohyo.
         SimulationError: SUMO failed.
     """
     folder = rows or out
@@ -63,6 +63,7 @@ def run(
         check_entrant(entrant)
     with held(folder, "league"):
         read_league_rows(edition, folder)  # before hours of driving
+        check_version(folder)
         for discipline, entrant in chosen:
             place, began = out / discipline.name / entrant.folder, surroundings()
             with tell(discipline, entrant) as progress:

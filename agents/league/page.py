@@ -17,10 +17,18 @@ from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
 
 
-def page(edition: Edition, rows: Sequence[Row], more: str = "") -> str:
-    """The page as Markdown: an overview, then each discipline, then `more`, the costs and the rules."""
+def page(edition: Edition, rows: Sequence[Row], more: str = "", versions: Sequence[str] = ()) -> str:
+    """The page as Markdown: an overview, then each discipline, then `more`, the costs and the rules.
+
+    Args:
+        edition: What was driven.
+        rows: Its rows.
+        more: A section in Markdown; "": none.
+        versions: Those of dohyo that drove the rows; empty: unknown, and not told.
+    """
     found = {one.name: standings(one, edition.entrants_of(one), rows) for one in edition.disciplines}
-    parts = [_HEAD.format(told=edition.told, edition=edition.name), _overview(edition, found)]
+    driven = f"driven with dohyo {' and '.join(versions)}, " if versions else ""
+    parts = [_HEAD.format(told=edition.told, edition=edition.name, driven=driven), _overview(edition, found)]
     for discipline in edition.disciplines:
         if found[discipline.name]:
             parts += [f"## {discipline.title}", *_section(discipline, found[discipline.name])]
@@ -32,7 +40,7 @@ def page(edition: Edition, rows: Sequence[Row], more: str = "") -> str:
 
 _HEAD: Final = """# League
 
-{told} Edition {edition}, written from stored rows by `dohyo league table`.
+{told} Edition {edition}, {driven}written from stored rows by `dohyo league table`.
 
 In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant after a correction over all pairs of the discipline. With few drives that leaves many in bold who drive worse: their numbers tell more."""  # noqa: E501
 

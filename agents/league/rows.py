@@ -8,12 +8,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from dohyo.agents.league.edition import Discipline, Edition
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row, cell_of, is_lost
+from dohyo.agents.studies.study import FACTS
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -34,6 +36,36 @@ def read_league_rows(edition: Edition, path: Path) -> list[Row]:
             raise InvalidInputError(f"{where}: {_told(cell)} comes twice")
         found[cell] = row
     return [*found.values()]
+
+
+def versions_of(folder: Path) -> set[str]:
+    """Versions of dohyo with which the rows of a folder were driven; empty where nothing is told of them.
+
+    Raises:
+        InvalidInputError: The facts beside the rows are damaged.
+    """
+    path = folder / FACTS
+    if not path.is_file():
+        return set()
+    try:
+        evaluations = json.loads(path.read_text())["evaluations"]
+        return {one["versions"]["dohyo"] for one in evaluations.values()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InvalidInputError(f"'{path}': expected versions of evaluations, got none: {error!r}") from error
+
+
+def check_version(folder: Path) -> None:
+    """Refuses rows of another version of dohyo, since a record's hash holds the version.
+
+    Raises:
+        InvalidInputError: There are such rows.
+    """
+    here = version("dohyo")
+    if others := versions_of(folder) - {here}:
+        raise InvalidInputError(
+            f"'{folder}': expected rows that were driven with dohyo {here}, got ones of "
+            f"{', '.join(sorted(others))}, whose records have other hashes; install that version for them"
+        )
 
 
 def read_comparable_rows(edition: Edition, path: Path) -> list[Row]:

@@ -13,7 +13,7 @@ from dohyo.agents.league import figures, league, localization
 from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Discipline, Entrant, read_edition
 from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
-from dohyo.agents.league.rows import read_comparable_rows, read_league_rows
+from dohyo.agents.league.rows import check_version, read_comparable_rows, read_league_rows, versions_of
 from dohyo.service.cli.output import console
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
@@ -57,8 +57,8 @@ def table(
 ) -> None:
     """Makes the league's page from stored rows."""
     more = f"{figures.SECTION}\n\n{localization.section()}" if edition == DOCUMENT else ""
-    chosen = read_edition(edition)
-    text = page(chosen, read_comparable_rows(chosen, rows or PUBLISHED), more)
+    chosen, folder = read_edition(edition), rows or PUBLISHED
+    text = page(chosen, read_comparable_rows(chosen, folder), more, sorted(versions_of(folder)))
     if out is None:
         print(text)  # Markdown, for files and pipes
     else:
@@ -82,6 +82,7 @@ def verify(
     ]
     if not stored:
         raise InvalidInputError(f"'{rows or PUBLISHED}': expected rows of the league, found none")
+    check_version(rows or PUBLISHED)
     same = True
     for check in league.verify(chosen, stored, sample, seed):
         row, differences = check.row, check.differences

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from dohyo.agents.league import evaluating, league
 from dohyo.agents.league.edition import Edition, read_edition
 from dohyo.agents.league.figures import Driver, drivers, front, label_places, profiles
 from dohyo.agents.league.page import page
-from dohyo.agents.league.rows import read_comparable_rows
+from dohyo.agents.league.rows import check_version, read_comparable_rows
 from dohyo.agents.league.standings import standings
 from dohyo.agents.registry import agent_entries
 from dohyo.agents.studies.arms import Cell
@@ -341,6 +342,22 @@ def test_rows_that_are_damaged_or_of_another_edition_are_refused(
         done = dohyo.invoke(app, ["league", command, "--edition", str(edition), "--rows", str(tmp_path)])
         assert isinstance(done.exception, InvalidInputError)
         assert said in str(done.exception)
+
+
+def test_rows_of_another_version_are_neither_verified_nor_gone_on_with(
+    driven: Path, tmp_path: Path, edition: Path
+) -> None:
+    for name in ("rows.jsonl", "facts.json"):
+        (tmp_path / name).write_text((driven / name).read_text().replace(f'"{version("dohyo")}"', '"0.0.1"'))
+    arguments = ["--edition", str(edition), "--rows", str(tmp_path)]
+    for command in (["verify"], ["run", "--out", str(tmp_path / "out")]):
+        done = dohyo.invoke(app, ["league", *command, *arguments])
+        assert isinstance(done.exception, InvalidInputError)
+        assert f"driven with dohyo {version('dohyo')}, got ones of 0.0.1" in str(done.exception)
+    assert "driven with dohyo 0.0.1" in dohyo.invoke(app, ["league", "table", *arguments]).output
+    (tmp_path / "facts.json").write_text('{"evaluations": []}')
+    with pytest.raises(InvalidInputError, match="expected versions of evaluations"):
+        check_version(tmp_path)
 
 
 def test_standings_of_different_drives_are_refused(tmp_path: Path) -> None:
