@@ -36,7 +36,7 @@ def read_settings(kind: type[C], path: Path | None, overrides: Sequence[str] = (
             raise InvalidInputError(f"expected --set key=value, got '{override}'")
         _put(document, key.strip().split("."), _value(value.strip()), override)
     try:
-        return kind.model_validate(_completed(kind, document))
+        return kind.model_validate(_completed(_defaults(kind), document))
     except ValidationError as error:
         raise InvalidInputError(f"{where}: {_reason(kind, error.errors()[0])}") from error
 
@@ -76,13 +76,17 @@ def _document(path: Path) -> dict[str, Any]:
         raise InvalidInputError(f"'{path}' is no TOML: {error}") from error
 
 
-def _completed(kind: type[BaseModel], document: Mapping[str, Any]) -> dict[str, Any]:
-    """Document in which each table is completed with its defaults."""
+def _defaults(kind: type[BaseModel]) -> dict[str, Any]:
+    return {name: field.get_default(call_default_factory=True) for name, field in kind.model_fields.items()}
+
+
+def _completed(defaults: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+    """Document in which each table, at any depth, is completed from the instance that is its default."""
     completed = dict(document)
-    for name, field in kind.model_fields.items():
-        default, given = field.get_default(call_default_factory=True), document.get(name)
+    for name, default in defaults.items():
+        given = document.get(name)
         if isinstance(default, BaseModel) and isinstance(given, dict):
-            completed[name] = default.model_dump() | _completed(type(default), given)
+            completed[name] = dict(default) | _completed(dict(default), given)
     return completed
 
 

@@ -43,6 +43,15 @@ def test_a_table_given_in_part_keeps_the_rest_of_its_default(tmp_path):
     assert (config.ppo.hidden, config.ppo.clip) == ((4,), 0.1)
 
 
+class Nested(Config):
+    small: Small = Small(seed=3, ppo=PpoConfig(hidden=(5,), clip=0.3))
+
+
+def test_a_table_inside_a_table_given_in_part_keeps_the_rest_of_the_outer_default():
+    inner = read_settings(Nested, None, ["small.ppo.gamma=0.5"]).small
+    assert (inner.seed, inner.ppo.hidden, inner.ppo.clip, inner.ppo.gamma) == (3, (5,), 0.3, 0.5)
+
+
 @pytest.mark.parametrize(
     ("text", "overrides", "message"),
     [
