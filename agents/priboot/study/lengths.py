@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -42,22 +41,30 @@ def joined(rows: Sequence[Row], count: int) -> FloatArray:
 
 
 def in_pairs(rows: Sequence[Row]) -> list[Row]:
-    """Rows of two drives each, neighbours in the order of their names: as two routes (x 1) and joined (x 2).
+    """Rows of two drives each: as two routes (x 1) and joined (x 2).
 
-    A drive without a partner is left out.
+    Partners are neighbours among the scenarios and seeds of a benchmark, in the order of their names, so that all arms
+    and trainings have the same pairs. A drive whose partner was lost is left out.
     """
+    places = {where: sorted({_place(row) for row in there}) for where, there in grouped(rows, "benchmark").items()}
     found = list[Row]()
     for network, arm, own in by_place(rows, PAIRED):
         for training, some in grouped(own, "training_seed").items():
-            drives = sorted(some, key=itemgetter("scenario", "seed"))
-            for one, other in zip(drives[::2], drives[1::2], strict=False):
-                cell = {"training_seed": training, "benchmark": network, "seed": one["seed"]}
-                cell["scenario"] = f"{one['scenario']}, {other['scenario']}"
-                both = np.array([_parts(one), _parts(other)])
+            drives = {_place(row): row for row in some}
+            for one, other in zip(places[network][::2], places[network][1::2], strict=False):
+                if one not in drives or other not in drives:
+                    continue
+                cell = {"training_seed": training, "benchmark": network, "scenario": f"{one[0]}, {other[0]}"}
+                both = np.array([_parts(drives[one]), _parts(drives[other])])
                 for times, scores in ((1, _scores(both).mean(axis=0)), (2, _scores(both.sum(axis=0)))):
                     _, driving_score, irs, _ = scores.tolist()
-                    found.append({**cell, "arm": f"{arm} x {times}", "driving_score": driving_score, "irs": irs})
+                    judged = {"arm": f"{arm} x {times}", "driving_score": driving_score, "irs": irs}
+                    found.append({**cell, "seed": one[1], **judged})
     return found
+
+
+def _place(row: Row) -> tuple[str, int]:
+    return row["scenario"], row["seed"]
 
 
 def _scores(parts: FloatArray) -> FloatArray:

@@ -48,6 +48,17 @@ def test_two_equal_drives_joined_have_the_same_rate_score_and_a_lower_driving_sc
     assert alone["irs"] == pytest.approx(both["irs"]) == pytest.approx(100.0 * math.exp(-1.6))
 
 
+def test_pairs_stay_together_after_a_lost_drive() -> None:
+    drives = on_missions(*(drive(1.0, number) for number in range(6)))
+    others = [{**one, "arm": "full", "training_seed": 0} for one in drives]
+    of_all = [one["scenario"] for one in in_pairs(others) if one["arm"] == "full x 2"]
+    assert of_all == ["m0, m1", "m2, m3", "m4, m5"]
+    of_some = [
+        one["scenario"] for one in in_pairs([*others, *drives[:1], *drives[2:]]) if one["arm"] == "autopilot x 2"
+    ]
+    assert of_some == ["m2, m3", "m4, m5"], "m1 was lost, and m0 has no partner"
+
+
 @given(st.integers(0, 9), st.integers(0, 9))
 def test_the_mean_rate_score_of_two_complete_drives_is_never_below_that_of_both_joined(one: int, other: int) -> None:
     alone, both = in_pairs(on_missions(drive(1.0, one), drive(1.0, other)))
