@@ -23,8 +23,9 @@ from dohyo.evaluation.scores.driving import (
     kept_to_the_lanes,
     outside_fraction,
     route_completion,
+    route_km,
 )
-from dohyo.evaluation.scores.rates import infraction_counts, route_km
+from dohyo.evaluation.scores.rates import infraction_counts
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -81,7 +82,7 @@ def summarise(
     records: Iterable[EpisodeRecord],
     *,
     rules: Rules = "2.0",
-    irs_length: IrsLength = "driven",
+    irs_length: IrsLength = "completed",
     unrecorded: int = 0,
 ) -> Summary:
     """Scores every drive of every record; returns the means with their intervals.
@@ -126,7 +127,7 @@ def summarise_cells(
     records: Iterable[EpisodeRecord],
     *,
     rules: Rules = "2.0",
-    irs_length: IrsLength = "driven",
+    irs_length: IrsLength = "completed",
     unrecorded: Mapping[str, int] = MappingProxyType({}),
 ) -> dict[str, Summary]:
     """One summary per cell of the benchmark, in the order of their first records; see `summarise`.
@@ -147,7 +148,7 @@ def compare(
     records_b: Iterable[EpisodeRecord],
     *,
     rules: Rules = "2.0",
-    irs_length: IrsLength = "driven",
+    irs_length: IrsLength = "completed",
 ) -> dict[str, Comparison]:
     """Compares two agents on the drives of both: same scenario name, seed and ego name.
 
@@ -179,7 +180,7 @@ def common_drives(records_a: Iterable[EpisodeRecord], records_b: Iterable[Episod
     return len(_by_drive(records_a).keys() & _by_drive(records_b).keys())
 
 
-def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength = "driven") -> dict[str, float]:
+def score_drive(ego: EgoRecord, *, rules: Rules = "2.0", irs_length: IrsLength = "completed") -> dict[str, float]:
     """Every score of one drive, by its name in `SCORES`."""
     return {
         "success": 100.0 * (ego.status.completed and kept_to_the_lanes(ego)),

@@ -230,7 +230,7 @@ SPECIFICATIONS: Final[Mapping[InfractionKind, Specification]] = MappingProxyType
             mark=Mark("star", "M0-5.6 1.4-1.9 5.3-1.7 2.3 0.7 3.3 4.5 0 2.4-3.3 4.5-2.3 0.7-5.3-1.7-1.4-1.9z"),
             penalty=Penalty(factor=0.80, cost=0.25),
         ),
-        # No penalty: it enters the scores as the share of the distance driven outside.
+        # No penalty: it enters the scores as metres outside per metre of route completed.
         InfractionKind.OUTSIDE_LANES: Specification(
             label="outside lanes", unit="m", mark=Mark("bowtie", "M-5-4.5 5 4.5v-9l-10 9z")
         ),

@@ -95,7 +95,7 @@ def write_report(
     path: Path,
     *,
     rules: Rules = "2.0",
-    irs_length: IrsLength = "driven",
+    irs_length: IrsLength = "completed",
     lanes: Callable[[str], Iterable[LaneShape]] = drivable_lanes,
 ) -> Path:
     """Writes one self-contained HTML file; the same records give the same bytes.
@@ -217,7 +217,7 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         (
             "IRS length",
             irs_length,
-            "The infraction rate score divides by the distance driven, or by the route's length",
+            "The infraction rate score divides by the route completed, the distance driven, or the route's length",
         ),
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),

@@ -15,7 +15,7 @@ from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Rules = Literal["1.0", "2.0", "2.1"]
-IrsLength = Literal["driven", "route"]
+IrsLength = Literal["completed", "driven", "route"]
 
 MOST_OUTSIDE: Final = 0.25
 """Largest share of a drive outside the lanes that is a success: a detour round an obstacle on a short route is less."""
@@ -38,25 +38,35 @@ def route_completion(ego: EgoRecord) -> float:
     return min(percent, math.nextafter(100.0, 0.0))
 
 
-def outside_fraction(ego: EgoRecord) -> float:
-    """Share in [0, 1] of the driven distance with the centre outside the lanes; 0 for an ego that never moved.
-
-    Source: CARLA Leaderboard ("outside route lanes", metres outside per metre traversed).
+def route_km(ego: EgoRecord) -> float:
+    """Kilometres of the route completed: route length * RC / 100.
 
     Raises:
-        InvalidInputError: If either distance is not finite.
+        InvalidInputError: If progress or route length is not finite.
     """
-    outside_m, driven_m = _finite(ego.outside_lanes_m, "outside_lanes_m"), _finite(ego.driven_m, "driven_m")
-    return min(1.0, outside_m / driven_m) if driven_m > 0.0 else 0.0
+    return _finite(ego.route_length_m, "route_length_m") * route_completion(ego) / 100_000.0
+
+
+def outside_fraction(ego: EgoRecord) -> float:
+    """Metres driven with the centre outside the lanes per metre of route completed, at most 1; 0 if there are none.
+
+    Metres of detours and circles are in no denominator, so that they dilute nothing. Source: CARLA Leaderboard
+    ("outside route lanes"), which divides by the completed metres of the route.
+
+    Raises:
+        InvalidInputError: If a distance is not finite.
+    """
+    outside_m, completed_m = _finite(ego.outside_lanes_m, "outside_lanes_m"), 1000.0 * route_km(ego)
+    return outside_m / completed_m if outside_m < completed_m else float(outside_m > 0.0)
 
 
 def kept_to_the_lanes(ego: EgoRecord) -> bool:
-    """Whether at most `MOST_OUTSIDE` of the distance was driven outside the lanes; no success counts otherwise.
+    """Whether *outside* is at most `MOST_OUTSIDE`, see `outside_fraction`; no success counts otherwise.
 
     Nothing solid stands beside the roads here: an ego on the verge would meet neither traffic nor lights.
 
     Raises:
-        InvalidInputError: If either distance is not finite.
+        InvalidInputError: If a distance is not finite.
     """
     return outside_fraction(ego) <= MOST_OUTSIDE
 
@@ -72,7 +82,7 @@ def infraction_penalty(infractions: Iterable[Infraction], rules: Rules, outside_
     Args:
         infractions: Infractions of one ego. OUTSIDE_LANES is ignored here, since it enters as a distance.
         rules: Version of the leaderboard's rules.
-        outside_fraction: Share of the driven distance outside the lanes, [0, 1].
+        outside_fraction: Metres outside the lanes per metre of route completed, [0, 1].
 
     Raises:
         InvalidInputError: If the rules are unknown, or a number is NaN or out of its range.
@@ -96,7 +106,7 @@ def driving_score(ego: EgoRecord, rules: Rules) -> float:
     return route_completion(ego) * infraction_penalty(ego.infractions, rules, outside_fraction(ego))
 
 
-def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLength = "driven") -> float:
+def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLength = "completed") -> float:
     """Infraction rate score, percent in [0, 100]: the driving score made independent of the route's length.
 
     IRS = RC * (1 - outside) * prod_i exp(-lambda * (n_i / L) * (1 - p_i)), with n_i infractions of kind i, p_i their
@@ -108,18 +118,18 @@ def infraction_rate_score(ego: EgoRecord, lambda_: float = 4.0, length: IrsLengt
     Args:
         ego: Record of the drive.
         lambda_: Decay rate, km per infraction.
-        length: Meaning of L: "driven", the distance driven (consistent with the thesis's table), or "route", the length
-            of the route (the thesis's text).
+        length: Meaning of L: "completed", route length * RC, as in CARLA's rates; "driven", the distance driven, which
+            circles dilute (consistent with the thesis's table); or "route", the length of the route (its text).
 
     Raises:
         InvalidInputError: If lambda is negative, the length unknown, or a number NaN.
     """
     if length not in get_args(IrsLength):
-        raise InvalidInputError(f"expected IRS length {' or '.join(get_args(IrsLength))}, got {length!r}")
+        raise InvalidInputError(f"expected IRS length {', '.join(get_args(IrsLength))}, got {length!r}")
     if not 0.0 <= lambda_ < math.inf:
         raise InvalidInputError(f"expected a finite lambda of at least 0, got {lambda_}")
-    length_m = ego.driven_m if length == "driven" else ego.route_length_m
-    km = max(MIN_KM, _finite(length_m, f"{length} length") / 1000.0)
+    lengths_km = {"completed": route_km(ego), "driven": ego.driven_m / 1000.0, "route": ego.route_length_m / 1000.0}
+    km = max(MIN_KM, _finite(lengths_km[length], f"{length} length"))
     weight = math.fsum(1.0 - _factor(one) for one in ego.infractions)
     return route_completion(ego) * (1.0 - outside_fraction(ego)) * math.exp(-lambda_ * weight / km)
 

@@ -8,12 +8,7 @@ from collections.abc import Iterable
 
 from dohyo.evaluation.records.record import EgoRecord
 from dohyo.evaluation.records.specifications import InfractionKind
-from dohyo.evaluation.scores.driving import MIN_KM, route_completion
-
-
-def route_km(ego: EgoRecord) -> float:
-    """Kilometres of the route completed: route length * RC / 100."""
-    return ego.route_length_m * route_completion(ego) / 100_000.0
+from dohyo.evaluation.scores.driving import MIN_KM, route_km
 
 
 def infraction_counts(ego: EgoRecord) -> dict[InfractionKind, int]:

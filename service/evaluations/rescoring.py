@@ -20,7 +20,7 @@ def rescore(
     *,
     rules: Rules,
     irs_lambda: float = LAMBDA,
-    irs_length: IrsLength = "driven",
+    irs_length: IrsLength = "completed",
     unrecorded: Mapping[str, int] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Computes every score from the records, as `dohyo score --json` does; plain JSON.
@@ -29,7 +29,7 @@ def rescore(
         records: Records of one agent and one benchmark version.
         rules: Rules of the driving score.
         irs_lambda: Decay of the infraction rate score, km per infraction.
-        irs_length: Distance that its kilometres count: driven or route.
+        irs_length: Distance that its kilometres count: completed, driven or route.
         unrecorded: Number of drives that were lost without a record, by cell.
 
     Returns:

@@ -37,7 +37,9 @@ class RescoringOrder(BaseModel):
         Literal["1.0", "2.0", "2.1"] | None, Field(description="CARLA Leaderboard's; by default the benchmark's own.")
     ] = None
     irs_lambda: Annotated[float, Field(ge=0, le=1000, description="km per infraction")] = LAMBDA
-    irs_length: Annotated[Literal["driven", "route"], Field(description="Kilometres that IRS divides by.")] = "driven"
+    irs_length: Annotated[
+        Literal["completed", "driven", "route"], Field(description="Kilometres that IRS divides by.")
+    ] = "completed"
 
 
 @router.post("/rescore", response_model=RescoredView, responses=problems(403, 404, 409, 410, 413))

@@ -20,10 +20,10 @@ from dohyo.evaluation.parking.record import Ending, ParkingRecord
 from dohyo.evaluation.parking.result import MEASURES, LotCounts, count_karts, estimate_measure
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.evaluation.scores.driving import MIN_KM, Rules
+from dohyo.evaluation.scores.driving import MIN_KM, Rules, route_km
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import TERMS, applies, score_records
-from dohyo.evaluation.scores.rates import infraction_counts, route_km
+from dohyo.evaluation.scores.rates import infraction_counts
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
 from dohyo.evaluation.summary import SHARES, score_drive
 from dohyo.service.episodes.archive import Record

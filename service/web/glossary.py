@@ -38,7 +38,7 @@ WORDS: Final = {
     "id": "Identifier.",
     "infractions": "Violations of rules, in the order of time.",
     "irs_lambda": "Weight of infractions in the infraction rate score.",
-    "irs_length": "Length in the infraction rate score: the distance driven, or the route's.",
+    "irs_length": "Length in the infraction rate score: of the route completed, driven, or of the whole route.",
     "items": "Items of this page.",
     "kind": "Kind.",
     "km": "Distance driven, km.",

@@ -16,7 +16,7 @@ def measures(ego: EgoRecord) -> Row:
     return {
         "status": ego.status.value,
         "driving_score": scores["driving_score"],
-        "irs": infraction_rate_score(ego),
+        "irs": infraction_rate_score(ego, length="driven"),
         "irs_route": infraction_rate_score(ego, length="route"),
         "route_completion": scores["route_completion"],
         "infraction_penalty": infraction_penalty(ego.infractions, "2.0", outside_fraction(ego)),

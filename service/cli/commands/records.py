@@ -59,7 +59,7 @@ RulesOption = Annotated[
     Literal["1.0", "2.0", "2.1"] | None,
     typer.Option(help="CARLA Leaderboard rules of the score; default: those of the benchmark."),
 ]
-IrsOption = Annotated[Literal["driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
+IrsOption = Annotated[Literal["completed", "driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
 DIFFERS = 1
 
 
@@ -67,7 +67,7 @@ def report(
     folders: Annotated[list[Path], typer.Argument(help="Result folders of dohyo evaluate.")],
     out: Annotated[Path, typer.Option(help="The HTML file to write.")] = Path("report.html"),
     rules: RulesOption = None,
-    irs_length: IrsOption = "driven",
+    irs_length: IrsOption = "completed",
 ) -> None:
     """Compares evaluations: a table here, and one self-contained HTML file."""
     parking = [is_parking_records(folder) or is_lots_folder(folder) for folder in folders]
@@ -264,7 +264,7 @@ def _print_verified(
 def score(
     records: Annotated[list[Path], typer.Argument(help="Records, NAME.json, of one evaluation.")],
     rules: RulesOption = None,
-    irs_length: IrsOption = "driven",
+    irs_length: IrsOption = "completed",
     json: Json = False,
 ) -> None:
     """Recomputes every score from the raw events."""

@@ -104,8 +104,22 @@ def test_scripted_events_count_since_2_0() -> None:
 
 @pytest.mark.parametrize("rules", RULES)
 def test_driving_outside_the_lanes_multiplies(rules: Rules) -> None:
-    clean, dirty = ego(RED), ego(RED, driven_m=900.0, outside_lanes_m=225.0)
+    clean, dirty = ego(RED), ego(RED, outside_lanes_m=200.0)
     assert driving_score(dirty, rules) == pytest.approx(0.75 * driving_score(clean, rules))
+
+
+@pytest.mark.parametrize("rules", RULES)
+@pytest.mark.parametrize("driven_m", [800.0, 8000.0])
+def test_circles_dilute_neither_outside_nor_the_rate_score(rules: Rules, driven_m: float) -> None:
+    drive = ego(RED, driven_m=driven_m, outside_lanes_m=200.0)
+    assert outside_fraction(drive) == pytest.approx(0.25)
+    assert driving_score(drive, rules) == pytest.approx(0.75 * driving_score(ego(RED), rules))
+    assert infraction_rate_score(drive) == pytest.approx(80.0 * 0.75 * math.exp(-4.0 * 0.3 / 0.8))
+
+
+def test_more_metres_outside_than_completed_are_all() -> None:
+    assert outside_fraction(ego(driven_m=5000.0, outside_lanes_m=900.0)) == 1.0
+    assert outside_fraction(ego(progress_m=0.0, driven_m=5.0, outside_lanes_m=5.0)) == 1.0
 
 
 def test_an_ego_that_never_moved_was_never_outside() -> None:
@@ -126,13 +140,16 @@ def test_only_the_goal_gives_100_percent() -> None:
 
 def test_infraction_rate_score_by_hand() -> None:
     drive = ego(VEHICLE, RED, driven_m=500.0)
-    assert infraction_rate_score(drive) == pytest.approx(80.0 * math.exp(-4.0 * (0.4 + 0.3) / 0.5))
+    assert infraction_rate_score(drive) == pytest.approx(80.0 * math.exp(-4.0 * (0.4 + 0.3) / 0.8))
+    assert infraction_rate_score(drive, length="driven") == pytest.approx(80.0 * math.exp(-4.0 * (0.4 + 0.3) / 0.5))
     assert infraction_rate_score(drive, length="route") == pytest.approx(80.0 * math.exp(-4.0 * (0.4 + 0.3) / 1.0))
     assert infraction_rate_score(drive, lambda_=0.0) == pytest.approx(80.0)
 
 
 def test_infraction_rate_score_of_an_ego_that_never_moved() -> None:
-    assert infraction_rate_score(ego(RED, status=Status.COMPLETED, progress_m=0.0)) < 1e-100
+    drive = ego(RED, status=Status.COMPLETED, progress_m=0.0)
+    assert infraction_rate_score(drive, length="driven") < 1e-100
+    assert infraction_rate_score(ego(RED, progress_m=0.0)) == 0.0
 
 
 @given(drives())
@@ -176,7 +193,7 @@ def test_the_order_of_infractions_does_not_matter(some: list[Infraction], rules:
 def test_nan_is_rejected(name: str) -> None:
     broken = ego().model_copy(update={name: math.nan})
     with pytest.raises(InvalidInputError, match="finite"):
-        infraction_rate_score(broken, length="route" if name == "route_length_m" else "driven")
+        infraction_rate_score(broken, length="driven" if name == "driven_m" else "completed")
 
 
 def test_nan_in_an_infraction_is_rejected() -> None:
@@ -194,7 +211,7 @@ def test_an_impossible_outside_fraction_is_rejected(fraction: float) -> None:
 def test_unknown_rules_lengths_and_lambdas_are_rejected() -> None:
     with pytest.raises(InvalidInputError, match=r"1\.0, 2\.0, 2\.1"):
         infraction_penalty([], "3.0", 0.0)  # type: ignore[arg-type]
-    with pytest.raises(InvalidInputError, match="driven or route"):
+    with pytest.raises(InvalidInputError, match="completed, driven, route"):
         infraction_rate_score(ego(), length="planned")  # type: ignore[arg-type]
     with pytest.raises(InvalidInputError, match="lambda"):
         infraction_rate_score(ego(), lambda_=math.nan)

@@ -57,10 +57,15 @@ def test_success_road_completed_and_2500_metres_are_three_numbers() -> None:
     assert (success(one), road_completed(one), drove(one)) == (False, pytest.approx(90.0), True)
 
 
-@pytest.mark.parametrize(("outside_m", "counts"), [(0.0, True), (200.0, True), (201.0, False), (800.0, False)])
+@pytest.mark.parametrize(
+    ("outside_m", "counts"), [(0.0, True), (200.0, True), (201.0, True), (251.0, False), (800.0, False)]
+)
 def test_who_drives_beside_the_road_has_no_success(outside_m: float, counts: bool) -> None:
     one = ego(status=Status.COMPLETED, driven_m=800.0, outside_lanes_m=outside_m)
     assert success(one) is counts
     assert (score_drive(one)["success"], score_drive(one)["nocrash_success"]) == (100.0 * counts, 100.0 * counts)
-    far = ego(route_length_m=3000.0, progress_m=2600.0, driven_m=800.0, outside_lanes_m=outside_m)
-    assert drove(far) is counts
+
+
+@pytest.mark.parametrize(("outside_m", "far"), [(650.0, True), (651.0, False)])
+def test_2500_metres_beside_the_road_are_none(outside_m: float, far: bool) -> None:
+    assert drove(ego(route_length_m=3000.0, progress_m=2600.0, driven_m=9000.0, outside_lanes_m=outside_m)) is far

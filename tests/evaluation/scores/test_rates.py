@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 
 from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.evaluation.scores.rates import infraction_counts, infractions_per_km, route_km
+from dohyo.evaluation.scores.driving import route_km
+from dohyo.evaluation.scores.rates import infraction_counts, infractions_per_km
 from tests.evaluation.builders import ego, infraction
 
 RED = infraction(InfractionKind.RED_LIGHT)

@@ -365,7 +365,7 @@ def test_rules_by_hand(shop: Shop) -> None:
     assert score()["driving_score"] == pytest.approx(20.16)
     assert score(rules="2.1")["driving_score"] == pytest.approx(80 / 2.8)
     assert score(irs_lambda=0)["irs"] == pytest.approx(80.0)
-    # exp(-1 * (0.4 + 0.4 + 0.3) / 0.8 km driven, or 1 km of route)
+    # exp(-1 * (0.4 + 0.4 + 0.3) / 0.8 km completed, or 1 km of route)
     assert score(irs_lambda=1)["irs"] == pytest.approx(80 * 2.718281828 ** (-1.1 / 0.8))
     assert score(irs_lambda=1, irs_length="route")["irs"] == pytest.approx(80 * 2.718281828**-1.1)
     for wrong in ({"rules": "3.0"}, {"irs_lambda": -1}, {"irs_lambda": "NaN"}, {"more": 1}):

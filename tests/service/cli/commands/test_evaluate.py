@@ -38,7 +38,7 @@ def summary(km: float) -> Summary:
         benchmark=None,
         benchmark_hash=None,
         rules="2.0",
-        irs_length="driven",
+        irs_length="completed",
         episodes=1,
         lost=0,
         scores=dict.fromkeys(output.SCORES, none),
