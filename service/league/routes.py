@@ -9,7 +9,7 @@ from fastapi import APIRouter
 
 from dohyo.agents.league.edition import PUBLISHED, Discipline, read_edition
 from dohyo.agents.league.measures import MEASURES
-from dohyo.agents.league.rows import read_comparable_rows
+from dohyo.agents.league.rows import read_comparable_rows, versions_of
 from dohyo.agents.league.standings import Place, mean_of, standings
 from dohyo.service.accounts.access import Reader
 from dohyo.service.league.views import LeagueDisciplineView, LeagueMeasureView, LeaguePlaceView, LeagueView
@@ -46,6 +46,7 @@ def league() -> LeagueView:
     rows = read_comparable_rows(edition, PUBLISHED)
     return LeagueView(
         edition=edition.name,
+        versions=sorted(versions_of(PUBLISHED)),
         told=edition.told,
         looked_at=list(edition.looked_at),
         disciplines=[_discipline(one, standings(one, edition.entrants_of(one), rows)) for one in edition.disciplines],

@@ -28,14 +28,14 @@ const LEADERS = [
 ];
 
 page(async () => {
-  const { edition, told, looked_at, disciplines } = await get("/v1/league");
+  const { edition, versions, told, looked_at, disciplines } = await get("/v1/league");
   const names = disciplines.flatMap((one) => one.places.map((place) => place.entrant));
   const colour = await colours([...new Set(names)]);
   const driven = disciplines.filter((one) => one.places.length);
   const open = disciplines.filter((one) => !one.places.length);
   fill(
     byId("content"),
-    h("div", { class: "title" }, h("h1", {}, "League"), h("p", { class: "quiet" }, `edition ${edition}`)),
+    h("div", { class: "title" }, h("h1", {}, "League"), h("p", { class: "quiet" }, `edition ${edition}, driven with dohyo ${versions.join(" and ")}`)),
     h(
       "p",
       {},
