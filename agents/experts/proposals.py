@@ -169,7 +169,7 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray, le
         cos, sin = math.cos(heading), math.sin(heading)
         inside = (on_grid(road.grid, x, y) & JUNCTION_BIT) != 0
         early = leeway if inside else 0.0
-        hit = _met(road, car, x, y, cos, sin, speed, k, BEHIND_COS, early)
+        hit = _met(road, car, x, y, cos, sin, x, y, speed, k, BEHIND_COS, early)
         if hit >= 0 and terms[MET_AT] == math.inf:
             terms[NC] = 0.5 if road.kind[hit] == CLASS_OBJECT else 0.0
             terms[MET_AT] = k * DT
@@ -186,10 +186,11 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray, le
         elif against > 2.0:
             terms[DDC] = min(terms[DDC], 0.5)
         if terms[TTC] > 0.0 and speed > STANDING:
-            seen = BEHIND_COS if inside else AHEAD_COS
+            seen, axle_x, axle_y = BEHIND_COS if inside else AHEAD_COS, states[k, X], states[k, Y]
             for ahead in TTC_AHEAD_S:
                 moved, then = speed * ahead, min(k + round(ahead / DT), road.boxes.shape[0] - 1)
-                if _met(road, car, x + moved * cos, y + moved * sin, cos, sin, speed, then, seen, early) >= 0:
+                there_x, there_y = x + moved * cos, y + moved * sin
+                if _met(road, car, there_x, there_y, cos, sin, axle_x, axle_y, speed, then, seen, early) >= 0:
                     terms[TTC], terms[SHORT_AT] = 0.0, k * DT
                     break
     terms[COMFORT] = 1.0 if _comfortable(states) else 0.0
@@ -197,10 +198,15 @@ def _judge(road: Situation, car: Body, states: FloatArray, terms: FloatArray, le
 
 @njit(cache=True, error_model="numpy")
 def _met(
-    road: Situation, car: Body, x: float, y: float, cos: float, sin: float, speed: float, k: int, least_cos: float,
-    leeway: float,
+    road: Situation, car: Body, x: float, y: float, cos: float, sin: float, from_x: float, from_y: float, speed: float,
+    k: int, least_cos: float, leeway: float,
 ) -> int:  # fmt: skip
-    """An actor the ego's box touches at a step, if it moves and the actor's centre is within an angle; -1 for none."""
+    """An actor that the ego's box touches at a step, if the ego moves; -1 for none.
+
+    The actor's centre must be within an angle of the heading, seen from a point: for collisions the centre of the box,
+    as the criteria have it; for the time to collision the rear axle of where the ego is, not of where it would be, as
+    in PDM's scorer and nuPlan's.
+    """
     if speed <= STANDING:
         return -1
     half_length, half_width = 0.5 * car.length, 0.5 * car.width
@@ -209,7 +215,10 @@ def _met(
         ox, oy = road.boxes[k, n, 0], road.boxes[k, n, 1]
         dx, dy, early = ox - x, oy - y, leeway * road.speed[n]
         square, far = dx * dx + dy * dy, reach + road.reach[n] + early
-        if square > far * far or dx * cos + dy * sin < least_cos * math.sqrt(square):
+        if square > far * far:
+            continue
+        seen_x, seen_y = ox - from_x, oy - from_y
+        if seen_x * cos + seen_y * sin < least_cos * math.sqrt(seen_x * seen_x + seen_y * seen_y):
             continue
         oc, os, ol, ow = road.boxes[k, n, 2], road.boxes[k, n, 3], road.boxes[k, n, 4], road.boxes[k, n, 5]
         if boxes_meet(x, y, cos, sin, half_length, half_width, ox, oy, oc, os, ol + early, ow):

@@ -165,9 +165,9 @@ def test_leaving_the_road_is_worth_nothing() -> None:
     assert scores[9, DAC] == scores[14, DAC] == 0.0
 
 
-def crossed_by_a_car(y: float, junction: bool) -> Situation:
+def crossed_by_a_car(y: float, junction: bool, x: float = 25.0) -> Situation:
     """A car at 16 m/s from the right, 25 m ahead."""
-    seen = observation([(25.0, y, 16.0)], width=80.0)
+    seen = observation([(x, y, 16.0)], width=80.0)
     seen["objects"][0, 3] = math.pi / 2
     scene = SceneBuilder().update(seen)
     road = situation(scene, constant_velocity(scene), max_speed=14.0, curve=2.5, braking=2.0)
@@ -185,11 +185,20 @@ def test_with_leeway_who_almost_meets_another_meets_him() -> None:
 
 
 def test_in_a_junction_who_comes_from_the_side_counts_for_the_time_to_collision() -> None:
-    places = np.arange(-60.0, 0.0, 2.0).tolist()
+    """Outside, not who comes more than 30 degrees beside the heading."""
+    places = np.arange(-60.0, 0.0, 1.0).tolist()
     open_road, junction = (
-        {y for y in places if rolled(crossed_by_a_car(y, inside), 10.0)[1][4, TTC] == 0.0} for inside in (False, True)
+        {y for y in places if rolled(crossed_by_a_car(y, inside, x=2.0), 3.0)[1][4, TTC] == 0.0}
+        for inside in (False, True)
     )
     assert open_road < junction
+
+
+def test_the_time_to_collision_looks_from_the_rear_axle_of_the_present() -> None:
+    """Whoever is about to be hit at 10 m/s is ahead of it, though beside the box where the two would meet."""
+    for y in np.arange(-60.0, 0.0, 1.0).tolist():
+        _, scores = rolled(crossed_by_a_car(y, junction=False), 10.0)
+        assert scores[4, TTC] == scores[4, NC]
 
 
 def test_who_is_about_to_cross_is_waited_for() -> None:
