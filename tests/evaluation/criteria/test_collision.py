@@ -218,13 +218,36 @@ def test_driving_over_who_walked_into_the_standing_ego_is_one(ahead_m: float, co
     assert all(one.at_fault and one.time_s > 2.0 for one in verdict.infractions)
 
 
-@pytest.mark.parametrize(("apart", "count"), [(4.0, 1), (6.0, 2)])
-def test_hits_within_five_metres_are_one(apart: float, count: int) -> None:
+@pytest.mark.parametrize(("apart", "count"), [(0.1, 1), (4.0, 2), (6.0, 2)])
+def test_hits_that_begin_and_end_within_five_metres_are_one(apart: float, count: int) -> None:
     scene = straight_road().with_ego(x=50, speed=10)
     crowd = scene.with_pedestrian(55, y=-4.8).with_pedestrian(55 + apart, y=-4.8)
     verdict = run(crowd, Collision())
     assert len(verdict.infractions) == count
     assert verdict.contacts == 2
+
+
+def test_who_is_left_out_counts_once_the_ego_has_left_the_circle_and_by_whose_fault_it_was_hit() -> None:
+    scene = straight_road().with_ego(x=50, speed=10).with_pedestrian(55, y=-4.8)
+    verdict = run(scene.with_pedestrian(59, 0.2, y=-4.8, heading=math.pi / 2), Collision())
+    first, second = verdict.infractions
+    assert (first.actor, second.actor) == ("actor0", "actor1")
+    assert second.x_m - first.x_m == pytest.approx(5.0, abs=0.01)
+    assert second.at_fault is True
+
+
+def test_a_contact_that_was_counted_does_not_count_again_outside_the_circle() -> None:
+    pushing = straight_road().with_ego(x=50, speed=5).with_actor(x=54.4, speed=5).with_actor(x=900)
+    assert len(run(pushing, Collision(), seconds=10).infractions) == 1
+
+
+@pytest.mark.parametrize(("away_m", "count"), [(3.0, 1), (20.0, 2)])
+def test_a_place_that_was_hit_counts_again_once_the_ego_has_left_it(away_m: float, count: int) -> None:
+    road = straight_road().with_ego(x=50, speed=10)
+    lap = road.with_pedestrian(55, y=-4.8).with_pedestrian(900, y=-4.8).worlds(seconds=0.3 + away_m / 10)
+    again = road.with_pedestrian(900, y=-4.8).with_pedestrian(55, y=-4.8)
+    verdict = run([*lap, *again.worlds(seconds=0.5, after=lap[-1])], Collision())
+    assert (len(verdict.infractions), verdict.contacts) == (count, 2)
 
 
 def test_the_other_egos_contacts_are_not_ours() -> None:
