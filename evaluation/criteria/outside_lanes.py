@@ -10,12 +10,21 @@ from typing import ClassVar
 from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
-from dohyo.sumo_networks.world import World
+from dohyo.sumo_networks.events.kinds.obstacle import ObstacleEvent
+from dohyo.sumo_networks.events.registry import EVENTS
+from dohyo.sumo_networks.units import SIGHT_M
+from dohyo.sumo_networks.world import EventPhase, World
+
+TWO_WAYS = frozenset(kind for kind, event in EVENTS.items() if issubclass(event, ObstacleEvent) and event.two_ways)
+"""Events whose obstacle the ego can only pass in the oncoming lane."""
 
 
 @dataclass(slots=True)
 class OutsideLanes(Criterion):
     """Measures the distance driven outside the lanes; one infraction per episode, where the ego first left them.
+
+    While an event of `TWO_WAYS` of the ego runs in its sight, the oncoming lane is open to an ego that drives along its
+    route. Off all lanes it is outside there too.
 
     Attributes:
         margin_m: Largest distance of the ego's centre beyond the edge of the nearest lane, m.
@@ -48,7 +57,17 @@ class OutsideLanes(Criterion):
         lane = egos.lane.item(ego)
         if lane < 0 or abs(egos.lane_offset.item(ego)) > 0.5 * lanes.width.item(lane) + self.margin_m:
             return True
-        return abs(egos.lane_heading_error.item(ego)) > math.pi / 2 and not lanes.internal[lane]
+        against = abs(egos.lane_heading_error.item(ego)) > math.pi / 2 and not lanes.internal[lane]
+        return bool(against and not _may_borrow(world, ego))
+
+
+def _may_borrow(world: World, ego: int) -> bool:
+    """Whether an event asks the ego to borrow the oncoming lane."""
+    forward = abs(world.egos.route_heading_error.item(ego)) < math.pi / 2
+    return forward and any(
+        one.ego == ego and one.kind in TWO_WAYS and one.phase is EventPhase.ACTIVE and abs(one.ahead) <= SIGHT_M
+        for one in world.events
+    )
 
 
 def _lane(world: World, ego: int) -> str | None:

@@ -1,12 +1,27 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
 
-from dohyo.evaluation.criteria.outside_lanes import OutsideLanes
+from dohyo.evaluation.criteria.outside_lanes import TWO_WAYS, OutsideLanes
 from dohyo.evaluation.records.specifications import InfractionKind
-from tests.worlds import LANE_M, lit_crossing, run, straight_road
+from dohyo.sumo_networks.world import EventPhase, EventState, World
+from tests.worlds import LANE_M, Scene, lit_crossing, run, straight_road
+
+
+def beside_an_event(
+    scene: Scene,
+    kind: str = "accident_two_ways",
+    *,
+    ego: int = 0,
+    phase: EventPhase = EventPhase.ACTIVE,
+    ahead: float = 10.0,
+) -> list[World]:
+    """The worlds of a scene in which an event is in a phase, with its obstacle so far ahead of its ego [m]."""
+    event = EventState("it", kind, ego, phase, 0.0, math.nan, (), ahead)
+    return [dataclasses.replace(world, events=(event,)) for world in scene.worlds(seconds=2)]
 
 
 @pytest.mark.parametrize(("beyond_m", "metres"), [(0.4, 0.0), (0.49, 0.0), (0.51, 20.0), (0.6, 20.0)])
@@ -27,6 +42,45 @@ def test_an_opposing_lane_is_outside() -> None:
     (infraction,) = run(scene, OutsideLanes(), seconds=2).infractions
     assert infraction.magnitude == pytest.approx(20.0)
     assert infraction.actor == "e_w_1"
+
+
+@pytest.mark.parametrize("kind", sorted(TWO_WAYS))
+@pytest.mark.parametrize("ahead", [60.0, -12.0])
+def test_the_oncoming_lane_is_open_beside_an_obstacle_of_both_directions(kind: str, ahead: float) -> None:
+    scene = straight_road().with_ego(x=50, speed=10, left=2 * LANE_M)
+    verdict = run(beside_an_event(scene, kind, ahead=ahead), OutsideLanes())
+    assert (verdict.infractions, verdict.outside_lanes_m) == ([], 0.0)
+
+
+@pytest.mark.parametrize("kind", ["accident", "vehicle_opens_door", "hard_brake"])
+def test_other_events_leave_it_closed(kind: str) -> None:
+    scene = straight_road().with_ego(x=50, speed=10, left=2 * LANE_M)
+    assert run(beside_an_event(scene, kind), OutsideLanes()).outside_lanes_m == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("phase", [EventPhase.WAITING, EventPhase.DONE, EventPhase.TIMED_OUT])
+def test_it_is_closed_before_and_after_the_event(phase: EventPhase) -> None:
+    scene = straight_road().with_ego(x=50, speed=10, left=2 * LANE_M)
+    assert run(beside_an_event(scene, phase=phase), OutsideLanes()).outside_lanes_m == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("ahead", [150.0, -150.0, math.nan])
+def test_it_is_closed_far_from_the_event(ahead: float) -> None:
+    scene = straight_road().with_ego(x=50, speed=10, left=2 * LANE_M)
+    assert run(beside_an_event(scene, ahead=ahead), OutsideLanes()).outside_lanes_m == pytest.approx(20.0)
+
+
+def test_it_is_closed_to_other_egos_and_to_who_drives_back() -> None:
+    scene = straight_road().with_ego(x=500, speed=10, left=2 * LANE_M)
+    assert run(beside_an_event(scene, ego=1), OutsideLanes()).outside_lanes_m == pytest.approx(20.0)
+    back = straight_road().with_ego(x=500, speed=10, heading=math.pi)
+    assert run(beside_an_event(back), OutsideLanes()).outside_lanes_m == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("left", [-5.0, 13.0])
+def test_off_all_lanes_is_outside_beside_an_event_too(left: float) -> None:
+    scene = straight_road().with_ego(x=50, speed=10, left=left)
+    assert run(beside_an_event(scene), OutsideLanes()).outside_lanes_m == pytest.approx(20.0)
 
 
 def test_driving_against_ones_own_lane_is_outside() -> None:
