@@ -40,14 +40,22 @@ def test_one_that_was_passed_has_yielded(ahead: float, count: int) -> None:
     assert len(run(worlds((ACTIVE, -5.0), (DONE, ahead)), YieldEmergency()).infractions) == count
 
 
-def test_as_long_as_it_goes_on_nothing_is_decided() -> None:
-    assert run(worlds(*[(ACTIVE, -20.0)] * 5), YieldEmergency()).infractions == []
+@pytest.mark.parametrize(("ahead", "count"), [(-20.0, 1), (0.1, 0), (math.nan, 0)])
+def test_one_that_still_runs_is_judged_when_the_drive_ends(ahead: float, count: int) -> None:
+    verdict = run(worlds(*[(ACTIVE, ahead)] * 5), YieldEmergency())
+    assert [one.magnitude for one in verdict.infractions] == [20.0] * count
+    assert all(one.time_s == pytest.approx(0.4) for one in verdict.infractions)
+
+
+@pytest.mark.parametrize("phase", [EventPhase.WAITING, DONE])
+def test_one_that_does_not_run_is_not_judged_at_the_end(phase: EventPhase) -> None:
+    assert run(worlds(*[(phase, -20.0)] * 5), YieldEmergency()).infractions == []
 
 
 def test_other_events_and_other_egos_are_none() -> None:
-    story = ((ACTIVE, -5.0), (DONE, -5.0))
-    assert run(worlds(*story, kind="hard_brake"), YieldEmergency()).infractions == []
-    assert run(worlds(*story, ego=1), YieldEmergency()).infractions == []
+    for story in (((ACTIVE, -5.0), (DONE, -5.0)), ((ACTIVE, -5.0), (ACTIVE, -5.0))):
+        assert run(worlds(*story, kind="hard_brake"), YieldEmergency()).infractions == []
+        assert run(worlds(*story, ego=1), YieldEmergency()).infractions == []
 
 
 def test_it_is_judged_by_default_and_ends_nothing() -> None:
