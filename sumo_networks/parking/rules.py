@@ -1,6 +1,7 @@
 """Rules: what ends a kart's episode, and with which reward. The thesis has two rewards; the judge has its own rules.
 
-Both rewards of the thesis lack a collision term. A contact ends every episode here with -1, which is ours.
+A kart that parks gets +1. Every other end gives -1: contact, the time limit, and what the rules below end. Neither
+reward of the thesis has a term for collisions; that one is ours.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.parking.kart import TICK_S
 
 STANDS_BELOW_MPS: Final = 0.1
+"""A slower kart stands."""
 
 
 class Outcome(IntEnum):
-    """How the episode of a kart ended."""
+    """How the episode of a kart ended; RUNNING: it has not; ABSENT: the lot has no such kart."""
 
     RUNNING = 0
     PARKED = 1
@@ -36,20 +38,27 @@ class Outcome(IntEnum):
 class Rules(Config):
     """When an episode ends. A kart is *in place* while its centre is within `radius_m` of its spot's centre.
 
+    Contact and the lot's time limit always end it. Contact and the time in place are looked at every 25 ms, the rest
+    once per tick of 0.1 s, to which `seconds_s` is rounded.
+
     Attributes:
         radius_m: See above.
-        seconds: What a parked kart needs besides being in place. "dwell": `seconds_s` in place without a break (our
+        seconds: What a kart needs to park besides being in place. "dwell": `seconds_s` in place without a break (our
             reading of the thesis's t_p >= 1 s); "elapsed": `seconds_s` since the episode began (the literal reading);
             "none": nothing.
         seconds_s: See `seconds`.
-        standing: Whether a kart must also stand (below 0.1 m/s).
-        farthest_m: A kart that is farther from its spot's centre has strayed; None: it may.
+        standing: Whether a kart must also stand (below 0.1 m/s) to park.
+        farthest_m: A greater distance from the spot's centre ends the episode as strayed; None: no distance does.
         reversing_ends: Whether a negative motor torque ends the episode.
-        wheel_degrees: In place, the largest angle between front wheels and spot; None: any.
-        error_degrees: In place, a heading error of this size or more ends the episode; None: any.
-        progress: Reward per metre by which a kart comes nearer to its spot. The thesis has none; it does not change
-            which behaviour is best, since what a kart gains on a way to a spot it loses on the way back.
-        alignment: Reward of a parked kart for its alignment, times `kernel.alignment_of`. The thesis has none.
+        wheel_degrees: In place, a larger angle between the front wheels and the spot's direction ends the episode as
+            misaligned; None: none does.
+        error_degrees: In place, an angle of this size or more between the kart and the spot's direction, forwards, ends
+            the episode as misaligned; None: none does.
+        progress: Reward per metre by which a kart comes nearer to its spot; the thesis has none. To and fro add up to
+            nothing. The sum is kept at the end, so that a kart that fails near its spot gets more than one that fails
+            far from it. A change of the spot costs nothing.
+        alignment: A parked kart gets this times `kernel.alignment_of` on top, which is 1 where it is aligned exactly.
+            The thesis has none.
     """
 
     radius_m: float = Field(default=0.5, gt=0)
@@ -64,7 +73,7 @@ class Rules(Config):
     alignment: float = Field(default=0.0, ge=0)
 
     def row(self) -> FloatArray:
-        """(10,) numbers for the kernel, which nobody may change."""
+        """(10,) numbers for the kernel, by the columns below; shared, so do not write to it."""
         return _row(self)
 
     def _numbers(self) -> FloatArray:
@@ -86,20 +95,26 @@ def _row(rules: Rules) -> FloatArray:
 
 
 RADIUS, DWELL_TICKS, ELAPSED_TICKS, STANDING, FARTHEST, REVERSING_ENDS, WHEEL, ERROR, PROGRESS, ALIGNMENT = range(10)
-"""Columns of `Rules.row`; angles in rad."""
+"""Columns of `Rules.row`: m, ticks, ticks, m/s, m, 0 or 1, rad, rad, 1/m, a factor. Where a rule is off there are 0
+ticks, or an infinite bound."""
 WIDTH: Final = 10
+"""Number of these columns."""
 
 JUDGED: Final = Rules(standing=True)
-"""Rules of the benchmarks: 1 s in place and standing, in time, without contact. Alignment is measured
-when the kart stands."""
+"""Rules of the benchmarks: 1 s in place and then standing, in time, without contact. Alignment ends nothing; it is
+measured where the kart has parked."""
 SIMPLE: Final = Rules(seconds="none", farthest_m=30.0)
 """First reward of the thesis: -1 beyond 30 m or at the time limit, +1 within 0.5 m."""
 ALIGNED: Final = Rules(reversing_ends=True, wheel_degrees=15.0, error_degrees=10.0)
-"""Second reward of the thesis. Its angles are judged in place, since a kart on its way points anywhere."""
+"""Second reward of the thesis: +1 after 1 s in place; -1 for reversing, or a wrong angle. Angles are judged in place,
+since a kart on its way points anywhere."""
 WITHOUT_DWELL: Final = Rules(seconds="none", reversing_ends=True, wheel_degrees=15.0, error_degrees=10.0)
 WITHOUT_ALIGNMENT: Final = Rules(reversing_ends=True)
 LITERAL: Final = Rules(seconds="elapsed", reversing_ends=True, wheel_degrees=15.0, error_degrees=10.0)
+"""Variants of the second reward. `WITHOUT_DWELL`: no time in place; `WITHOUT_ALIGNMENT`: no angles; `LITERAL`: 1 s
+since the beginning in place of the time in place."""
 
 ALIGNED_ANGLE_RAD: Final = math.radians(3.0)
 ALIGNED_DEVIATION_M: Final = 0.2
-"""ISO 16787:2017 as the thesis quotes it: inclination within 3 degrees, deviation below 0.2 m."""
+"""A parked kart is aligned within 3 degrees of its spot's axis, either way round, and less than 0.2 m beside it: ISO
+16787:2017 as the thesis quotes it."""

@@ -40,7 +40,7 @@ class Tables(NamedTuple):
         spots: (N * 24, 9) stored box, `FREE`.
         walkers: (N * 8, 10) pedestrians: two points [m], `WALK_SPEED` to `WAITED`.
         lots: (N, 6) `WALLS` to `TICK`.
-        rules: (N, 9) `Rules.row`.
+        rules: (N, 10) `Rules.row`.
         karts: (N * K, 10) states, see `dohyo.sumo_networks.parking.kart`.
         counts: (N * K, 7) `OUTCOME` to `ENDED`.
     """
