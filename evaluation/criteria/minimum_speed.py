@@ -6,11 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
 from numba import njit
 
 from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.sumo_networks.actors.names import is_event_actor
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.world import ActorKind, World
 
@@ -19,15 +21,16 @@ from dohyo.sumo_networks.world import ActorKind, World
 class MinimumSpeed(Criterion):
     """Compares the mean speeds of the ego and of the motor vehicles around it, on equal parts of its route.
 
-    Only cars, vans, trucks and buses within `sight_m` of the ego count, standing ones included. Every tick with such a
-    vehicle has the same weight; ticks without any do not count, neither for the traffic nor for the ego. A part without
-    any gives no infraction. The last part ends with the episode, and is judged only if the ego came near the goal.
+    Only cars, vans, trucks and buses within `sight_m` of the ego count, standing ones included. Those that an event has
+    put there, crashed or parked, are no traffic before they move. Every tick with a vehicle that counts has the same
+    weight; ticks without any do not count, neither for the traffic nor for the ego. A part without any gives no
+    infraction. The last part ends with the episode, and is judged only if the ego came near the goal.
 
     Attributes:
         checkpoints: Largest number of parts; a short route has fewer.
         shortest_part_m: Shortest length of a part, m, so that a single red light does not decide it.
         sight_m: Largest distance between the centres of the ego and a vehicle that counts, m.
-        near_goal_m: Largest distance to the end of the route at which the last part counts as driven, m.
+        near_goal: Share of the route beyond which the last part counts as driven.
 
     Source: CARLA Leaderboard 2.1, MinimumSpeedRouteTest, which averages all vehicles of the background activity, and
     whose routes are kilometres long.
@@ -38,11 +41,12 @@ class MinimumSpeed(Criterion):
     checkpoints: int = 4
     shortest_part_m: float = 500.0
     sight_m: float = 100.0
-    near_goal_m: float = 10.0
+    near_goal: float = 0.95
     _parts: int = field(default=1, init=False, repr=False)
     _passed: int = field(default=0, init=False, repr=False)
     _ego_sum: float = field(default=0.0, init=False, repr=False)
     _traffic_sum: float = field(default=0.0, init=False, repr=False)
+    _moved: set[int] = field(default_factory=set, init=False, repr=False)
 
     def start(self, world: World, ego: int) -> None:
         """Divides the route into parts."""
@@ -51,7 +55,8 @@ class MinimumSpeed(Criterion):
     def update(self, before: World, after: World, ego: int) -> Iterator[Infraction]:
         """Yields at most one infraction at each checkpoint but the last."""
         egos, actors = after.egos, after.actors
-        traffic = _mean_traffic_speed(egos.position, ego, self.sight_m, actors.kind, actors.position, actors.speed)
+        kind = self._without_parked(after)
+        traffic = _mean_traffic_speed(egos.position, ego, self.sight_m, kind, actors.position, actors.speed)
         if traffic >= 0.0:
             self._ego_sum += egos.speed.item(ego)
             self._traffic_sum += traffic
@@ -61,9 +66,20 @@ class MinimumSpeed(Criterion):
 
     def finish(self, world: World, ego: int) -> Iterator[Infraction]:
         """Yields at most one infraction for the last part, if it was driven."""
-        to_goal = world.routes[ego].length - world.egos.progress.item(ego)
-        if self._passed == self._parts - 1 and to_goal <= self.near_goal_m:
+        near = world.egos.progress.item(ego) > self.near_goal * world.routes[ego].length
+        if self._passed == self._parts - 1 and near:
             yield from self._judge(world, ego)
+
+    def _without_parked(self, world: World) -> IntArray:
+        """(M,) ActorKind of each actor; STATIC for one that an event has put there and that never moved in sight."""
+        actors = world.actors
+        keys = [key for event in world.events for key in event.actors if is_event_actor(world.name_of(key))]
+        if not keys:
+            return actors.kind
+        scripted = np.isin(actors.key, keys)
+        self._moved.update(actors.key[scripted & (actors.speed > 0.0)].tolist())
+        parked = scripted & ~np.isin(actors.key, list(self._moved))
+        return np.where(parked, int(ActorKind.STATIC), actors.kind)
 
     def _judge(self, world: World, ego: int) -> Iterator[Infraction]:
         if self._ego_sum < self._traffic_sum:

@@ -6,6 +6,7 @@ import re
 from enum import StrEnum
 
 _ROLE = re.compile(r"[a-z]*")
+_EVENT_ACTOR = re.compile(r"event:.*-\d+")
 
 
 class Role(StrEnum):
@@ -46,6 +47,11 @@ def predicted(name: str) -> str:
 def event_actor(event: str, number: int) -> str:
     """Name of an actor that the script of an event moves."""
     return f"{Role.EVENT}:{event}-{number}"
+
+
+def is_event_actor(name: str) -> bool:
+    """Whether the script of an event moves an actor, and not SUMO."""
+    return _EVENT_ACTOR.fullmatch(name) is not None
 
 
 def event_vehicle(event: str, number: int) -> str:

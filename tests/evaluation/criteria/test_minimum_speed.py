@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 
 from dohyo.evaluation.criteria.minimum_speed import MinimumSpeed
 from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.sumo_networks.actors.names import event_actor, event_vehicle
 from dohyo.sumo_networks.scenario import Mission, Place
-from dohyo.sumo_networks.world import ActorKind
+from dohyo.sumo_networks.world import ActorKind, EventPhase, EventState, World
 from tests.worlds import LANE_M, Scene, Speed, kinds, run, straight_road
 
 
@@ -46,6 +48,12 @@ def test_a_part_that_was_not_driven_to_its_end_is_not_judged() -> None:
     assert len(run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=2).infractions) == 0
 
 
+@pytest.mark.parametrize(("seconds", "count"), [(18.8, 0), (19.2, 1)])
+def test_the_last_part_counts_as_driven_after_95_percent_of_the_route(seconds: float, count: int) -> None:
+    scene = straight_road().with_ego(x=0, speed=50).with_actor(x=5, speed=55, left=LANE_M)
+    assert len(run(scene, MinimumSpeed(checkpoints=1), seconds=seconds).infractions) == count
+
+
 def test_each_part_is_judged_by_itself() -> None:
     scene = hundred_metres(lambda time: 10.0 if time < 5.05 else 5.0).with_actor(x=5, speed=8, left=LANE_M)
     verdict = run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=15)
@@ -57,6 +65,33 @@ def test_the_traffic_is_the_mean_of_all_standing_ones_included() -> None:
     assert len(run(scene, MinimumSpeed(shortest_part_m=25.0), seconds=4).infractions) == 1
     mixed = scene.with_actor(x=30, speed=0.0, left=2 * LANE_M).with_actor(x=40, speed=0.0, left=2 * LANE_M)
     assert run(mixed, MinimumSpeed(shortest_part_m=25.0), seconds=4).infractions == []
+
+
+def in_an_event(scene: Scene, name: str) -> list[World]:
+    """The worlds of a scene whose last actor belongs to an event."""
+    key = len(scene.world().names) - 1
+    event = EventState("crash", "accident", 0, EventPhase.ACTIVE, 0.0, math.nan, (key,), 50.0)
+    names = (*scene.world().names[:key], name)
+    return [dataclasses.replace(world, events=(event,), names=names) for world in scene.worlds(seconds=10)]
+
+
+@pytest.mark.parametrize("crashed", [False, True])
+def test_a_crashed_car_of_an_event_is_no_traffic(crashed: bool) -> None:
+    scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M).with_actor(x=50, left=LANE_M)
+    worlds = in_an_event(scene, event_actor("crash", 0)) if crashed else scene.worlds(seconds=10)
+    verdict = run(worlds, MinimumSpeed())
+    assert [one.magnitude for one in verdict.infractions] == pytest.approx([80.0] * crashed)
+
+
+def test_one_of_an_event_is_traffic_once_it_moves_and_when_it_stands_again() -> None:
+    scene = hundred_metres().with_actor(x=5, speed=15, left=LANE_M)
+    scene = scene.with_actor(x=50, speed=lambda time: 10.0 if 0.95 < time < 1.05 else 0.0, left=LANE_M)
+    assert run(in_an_event(scene, event_actor("crash", 0)), MinimumSpeed()).infractions == []
+
+
+def test_a_vehicle_that_an_event_sends_is_traffic_also_while_it_stands() -> None:
+    scene = hundred_metres().with_actor(x=5, speed=12.5, left=LANE_M).with_actor(x=50, left=LANE_M)
+    assert run(in_an_event(scene, event_vehicle("crash", 0)), MinimumSpeed()).infractions == []
 
 
 @pytest.mark.parametrize("kind", [ActorKind.BICYCLE, ActorKind.PEDESTRIAN, ActorKind.STATIC, ActorKind.EMERGENCY])
