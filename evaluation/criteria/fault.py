@@ -13,7 +13,8 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 
 STOPPED_MPS = 0.05
 BEHIND_RAD = math.radians(150.0)
-BESIDE_LANE_M = 0.5
+BESIDE_LANE_M = 0.1
+"""Largest distance of a corner from the edge of the lane that the ego keeps to, m."""
 _CONNECTED_HOPS = 3
 
 

@@ -82,6 +82,11 @@ def test_an_ego_that_comes_from_another_lane_or_goes_to_one_is_in_two(heading: f
     assert not in_one_lane(changing)
 
 
+@pytest.mark.parametrize(("beyond", "kept"), [(-0.1, True), (0.08, True), (0.12, False), (0.45, False)])
+def test_an_ego_with_a_corner_beside_the_road_keeps_to_no_lane(beyond: float, kept: bool) -> None:
+    assert in_one_lane(straight_road().with_ego(x=50, left=-(LANE_M / 2 - 0.9 + beyond))) is kept
+
+
 @pytest.mark.parametrize("x", [-14.0, -10.4, -5.0, 0.0, 5.0, 10.4, 14.0])
 def test_a_lane_through_a_junction_is_one_lane(x: float) -> None:
     in_lane, straddling = lit_crossing().with_ego(x=x), lit_crossing().with_ego(x=x, left=LANE_M / 2)

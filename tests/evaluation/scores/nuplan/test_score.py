@@ -101,6 +101,13 @@ def test_a_side_swipe_is_at_fault_only_out_of_the_own_lane() -> None:
     assert scored(moving, 2.0).no_collision == 0
 
 
+@pytest.mark.parametrize(("beyond", "expected"), [(0.05, 1.0), (0.25, 0.0)])
+def test_a_side_swipe_is_at_fault_with_a_corner_beside_the_road(beyond: float, expected: float) -> None:
+    scene = straight_road().with_ego(x=100, speed=10, left=-(0.7 + beyond))
+    result = scored(scene.with_actor(x=98, speed=10, left=2.5 - beyond, drift=-1.0), 1.6)
+    assert (result.no_collision, result.drivable_area) == (expected, 1.0)
+
+
 def test_another_ego_counts_as_a_vehicle() -> None:
     assert scored(steady().with_ego(x=120, speed=0)).no_collision == 0
 
