@@ -65,7 +65,8 @@ class Collector:
     """N rows that step together. A row whose episode ends begins the run's next episode.
 
     An episode's number decides its seed. At a cut, which falls on a number of steps, every running episode is
-    truncated, and all rows begin new ones: nothing of an environment has to be kept in a checkpoint.
+    truncated, and all rows begin new ones: nothing of an environment has to be kept in a checkpoint. What was cut is in
+    no mean, and neutral for a curriculum, see `Progress`.
 
     A row may sit out some steps before it begins, while its simulation starts and the others act. It begins after a
     number of steps, whenever the simulation is ready, so that the same run has the same steps.
@@ -131,6 +132,7 @@ class Collector:
     def begin(self) -> None:
         """Begins new episodes in all rows; running ones are forgotten."""
         self._fresh = False
+        self._progress.cut()
         self._reset(np.ones(len(self), np.bool_))
 
     def round(self, length: int) -> range:
@@ -270,13 +272,14 @@ class Collector:
             measures = {name: float(infos[name][row]) for name in self._task.measures}
             total = float(self._totals[row])
             self._finished.append(Finished(row, demonstrated, total, length, level, success, measures))
-            if not demonstrated:
-                self._progress.add(level, success)
+            self._progress.end(row, None if demonstrated else success)
             self.finished_count += 1
             self._lost_in_a_row = 0
 
     def _lose(self, rows: BoolArray) -> None:
         """Counts failed simulations; a single one does not end the run."""
+        for row in np.flatnonzero(rows).tolist():
+            self._progress.end(row, None)
         groups = np.flatnonzero(rows.reshape(-1, self.group_size).any(axis=1)) * self.group_size
         for row in groups.tolist():
             length = int(self._lengths[row])
@@ -298,6 +301,8 @@ class Collector:
             for group in groups.tolist():
                 members = slice(group * self.group_size, (group + 1) * self.group_size)
                 self._numbers[members], self._next = self._next, self._next + 1
+            for row in np.flatnonzero(rows).tolist():
+                self._progress.end(row, None)  # of a group whose simulation failed while it started
             numbers = self._numbers.tolist()
             seeds = [training_seed(self._seed, numbers[row]) if rows[row] else None for row in range(len(self))]
             options: dict[str, Any] = {"reset_mask": rows.copy()}
@@ -308,6 +313,8 @@ class Collector:
             observation, infos = self._environments.reset(seed=seeds, options=options)  # type: ignore[arg-type]
             self._see(observation)
             self._levels[rows] = self.level
+            for row in np.flatnonzero(rows).tolist():
+                self._progress.begin(row)
             self._totals[rows], self._lengths[rows], self._demonstrated[rows] = 0.0, 0, 0
             self._over[rows], self._starting[rows] = True, True
             rows = self._start(infos)

@@ -25,7 +25,7 @@ from dohyo.agents.learning.experience.behaviour import (
 from dohyo.agents.learning.experience.collector import MAX_LOST, Collector
 from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
 from dohyo.agents.learning.runs.evaluation import evaluate
-from dohyo.agents.learning.tasks.curriculum import Curriculum
+from dohyo.agents.learning.tasks.curriculum import Curriculum, Progress
 from dohyo.agents.learning.tasks.environments import ActionRepeat, FrameStack, check_environments
 from dohyo.agents.learning.tasks.task import Env, Environments, Task, check_task, held_out_seeds, named
 from dohyo.sumo_networks.envs.local_vector_env import LocalVectorEnv
@@ -249,6 +249,62 @@ def test_a_learner_is_promoted_by_its_own_successes():
     again = collector_of(Ladder(), rows=4)
     again.restore(collector.state())
     assert again.level == 2
+
+
+@dataclass(frozen=True)
+class Halves(Ladder):
+    """Half of the episodes succeed at once, the others fail late."""
+
+    curriculum = Curriculum(levels=2, threshold=0.6, window=200)
+
+    def make_env(self, rank: int) -> Env:
+        return HalvesEnv()
+
+
+class HalvesEnv(gymnasium.Env[Any, Any]):
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        self.succeeds, self.time = np.random.default_rng(seed).random() < 0.5, 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action: Any) -> Any:
+        self.time += 1
+        over = self.succeeds or self.time == 6
+        return np.zeros(1, np.float32), 0.0, over, False, {"success": self.succeeds}
+
+
+def test_cuts_promote_nobody_whose_short_episodes_succeed_and_whose_long_ones_fail():
+    collector = collector_of(Halves(), rows=16)
+    for _ in range(60):
+        collector.cut_at = collector.steps + 1
+        taken(collector, PolicyBehaviour(still), 9)
+        assert collector.cut
+    successes = [one.success for one in collector.finished()]
+    assert len(successes) > 2000
+    assert np.mean(successes) > 0.62, "of those that ended, since cuts fall on long ones"
+    assert collector.level == 0
+
+
+def test_an_episode_counts_when_all_that_began_before_it_are_over():
+    progress = Progress(Curriculum(levels=2, threshold=0.6, window=3))
+    for row in range(4):
+        progress.begin(row)
+    for row in (1, 2, 3):
+        progress.end(row, success=True)
+    assert progress.level == 0, "the first one runs"
+    progress.end(0, success=None)
+    assert progress.level == 1, "it was lost"
+
+
+def test_what_runs_at_a_cut_and_what_began_after_it_is_neither_success_nor_failure():
+    for late in (True, False):
+        progress = Progress(Curriculum(levels=2, threshold=0.6, window=2))
+        for row in range(3):
+            progress.begin(row)
+        progress.end(0, success=True)
+        progress.end(2, success=late)
+        progress.cut()
+        progress.end(1, success=late)
+        assert progress.state()["successes"] == [True]
 
 
 def stands(seen: TensorDict) -> np.ndarray:

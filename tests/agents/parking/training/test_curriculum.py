@@ -13,7 +13,8 @@ from dohyo.sumo_networks.parking.rules import ALIGNED
 
 def episodes(progress: Progress, successes: int, of: int) -> None:
     for number in range(of):
-        progress.add(progress.level, number < successes)
+        progress.begin(row=0)
+        progress.end(row=0, success=number < successes)
 
 
 @pytest.mark.parametrize(("first", "wanted"), [(0.0, 0.7), (0.3, 0.7), (0.38, 0.76), (0.5, 0.8), (0.8, 0.8)])
