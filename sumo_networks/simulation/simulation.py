@@ -122,6 +122,8 @@ class Simulation:
     def keep_population(self, egos: FloatArray) -> None:
         """Replaces the vehicles and pedestrians that arrived in the last step, and sends the vehicles of flows.
 
+        Vehicles that were removed since then count as arrived; a later call, after the next step, does not know them.
+
         Args:
             egos: (E, 2), m, points near which no actor should appear.
         """
@@ -170,8 +172,7 @@ class Simulation:
                 case HideActor():
                     self._proxies.hide(request.name)
                 case ClearArea():
-                    removed = sumo_traffic.remove_traffic_near(request.x, request.y, request.radius_m)
-                    self._apply(self._population.replace(removed, (), self._fleet.centres))
+                    sumo_traffic.remove_traffic_near(request.x, request.y, request.radius_m)
 
     # Before tick 0.
 
@@ -191,21 +192,19 @@ class Simulation:
             self._surroundings.add(name)
         # Twice: a vehicle that departs in the step in which the egos enter SUMO does not react to them yet.
         for step in (1, 0):
-            self.keep_population(self._starts())
             self._clear_starts()
+            self.keep_population(self._starts())
             for ego, speed in enumerate(self.plan.start_speeds):
                 self._show_ego(ego, behind_m=speed * step * TICK_S)
             libsumo.simulationStep()
 
     def _clear_starts(self) -> None:
         """Removes the vehicles that are too near to a start; the population replaces them elsewhere."""
-        starts, removed = self._starts(), []
+        starts = self._starts()
         for name in libsumo.vehicle.getIDList():
             x, y = libsumo.vehicle.getPosition(name)
             if name not in self._proxies.names and self._in_the_way(name, np.hypot(*(starts - (x, y)).T)):
                 libsumo.vehicle.remove(name)
-                removed.append(name)
-        self._apply(self._population.replace(removed, (), starts))
 
     def _in_the_way(self, name: str, distance: FloatArray) -> bool:
         """Whether a vehicle at a distance from each start [m] must be removed."""

@@ -17,7 +17,7 @@ from dohyo.sumo_networks.simulation.sumo_frame import vehicle_box
 
 
 def arrived() -> tuple[Sequence[str], Sequence[str]]:
-    """Names of the vehicles and of the pedestrians that reached their goal in the last step."""
+    """Names of the vehicles and of the pedestrians that reached their goal in the last step, or were removed since."""
     return libsumo.simulation.getArrivedIDList(), libsumo.simulation.getArrivedPersonIDList()
 
 
@@ -74,11 +74,8 @@ def cancel_vehicle(name: str) -> None:
         libsumo.vehicle.remove(name)
 
 
-def remove_traffic_near(x: float, y: float, radius_m: float) -> list[str]:
-    """Removes the traffic's vehicles whose front is near a point, and returns their names."""
-    removed = []
+def remove_traffic_near(x: float, y: float, radius_m: float) -> None:
+    """Removes the traffic's vehicles whose front is near a point; until its next step SUMO lists them as arrived."""
     for name in libsumo.vehicle.getIDList():
         if role_of(name) in TRAFFIC and math.dist(libsumo.vehicle.getPosition(name), (x, y)) < radius_m:
             libsumo.vehicle.remove(name)
-            removed.append(name)
-    return removed

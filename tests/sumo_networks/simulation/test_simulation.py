@@ -10,8 +10,10 @@ import libsumo
 import numpy as np
 import pytest
 
+from dohyo.sumo_networks.actors.names import Role, role_of
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters, Vehicles
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.events.kinds.emergency import YieldToEmergencyVehicle
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation import START_CLEARANCE_M, Simulation, plan_scenario
@@ -417,6 +419,22 @@ def test_the_population_stays_constant(network: str, seed: int, start: Start) ->
         assert libsumo.simulation.getMinExpectedNumber() + len(vehicles) + len(pedestrians) == 57
         replaced += len(vehicles) + len(pedestrians)
     assert replaced > 3, "nobody had to be replaced"
+
+
+def test_who_is_removed_for_an_event_is_replaced_once(start: Start) -> None:
+    ambulance = YieldToEmergencyVehicle(name="it", at_m=20.0, behind_m=60.0)
+    simulation, world = start(busy_road(standing_at(300.0), events=(ambulance,)))
+    there = {name for name in libsumo.vehicle.getIDList() if role_of(name) is Role.VEHICLE}
+    removed: set[str] = set()
+    while world.time < 20.0:
+        world = simulation.tick(np.array([[1.0 if world.egos.speed[0] < 6.0 else 0.0, 0.0]]))
+        vehicles, _ = arrived()
+        now = set(libsumo.vehicle.getIDList())
+        removed |= {name for name in there - now if name not in vehicles}
+        there = {name for name in now if role_of(name) is Role.VEHICLE}
+        waiting = [name for name in libsumo.simulation.getPendingVehicles() if role_of(name) is Role.VEHICLE]
+        assert len(there) + len(waiting) + sum(role_of(name) is Role.VEHICLE for name in vehicles) == 40
+    assert len(removed) > 0, "nobody had to make room"
 
 
 def test_nobody_stands_near_an_ego_when_it_starts(start: Start) -> None:
