@@ -23,7 +23,7 @@ from dohyo.sumo_networks.actors.requests import (
     SpawnVehicle,
 )
 from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.ego.fleet import NOBODY
 from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.events.manager import EventManager
@@ -42,7 +42,7 @@ from dohyo.sumo_networks.simulation.surroundings import Surroundings
 from dohyo.sumo_networks.simulation.survey import Survey, reachable
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.traffic.jaywalkers import Jaywalkers
-from dohyo.sumo_networks.traffic.population import NOWHERE, Population
+from dohyo.sumo_networks.traffic.population import Population
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors, Egos, World
 
@@ -181,8 +181,9 @@ class Simulation:
         if traffic.impatience:
             set_impatience(traffic.impatience)
         self._apply(self._population.fill())
+        cleared = self._starts()[self._at_rest]
         for _ in range(round(traffic.warm_up_s / TICK_S)):
-            self.keep_population(self._starts() if self._at_rest else NOWHERE)
+            self.keep_population(cleared)
             libsumo.simulationStep()
 
     def _place_egos(self) -> None:
@@ -208,18 +209,17 @@ class Simulation:
 
     def _in_the_way(self, name: str, distance: FloatArray) -> bool:
         """Whether a vehicle at a distance from each start [m] must be removed."""
-        if self._at_rest:
-            return bool(distance.min() < START_CLEARANCE_M)
-        ego = int(distance.argmin())
-        if distance[ego] > START_CLEARANCE_M:
-            return False
-        vehicle = self.plan.vehicle
-        own = (*self._fleet.centres[ego], self._fleet.heading(ego), vehicle.length, vehicle.width)
-        return bool(boxes_overlap(np.array([own]), np.array([vehicle_box(name)]))[0, 0])
+        near: BoolArray = distance < START_CLEARANCE_M
+        if (near & self._at_rest).any():
+            return True
+        vehicle, egos = self.plan.vehicle, np.flatnonzero(near).tolist()
+        own = [(*self._fleet.centres[ego], self._fleet.heading(ego), vehicle.length, vehicle.width) for ego in egos]
+        return bool(egos and boxes_overlap(np.array(own), np.array([vehicle_box(name)])).any())
 
     @property
-    def _at_rest(self) -> bool:
-        return all(mission.start_speed_mps is None for mission in self.plan.scenario.missions)
+    def _at_rest(self) -> BoolArray:
+        """(E,) whether an ego starts at rest, on a road that is cleared for it, and not amid the traffic."""
+        return np.array([mission.start_speed_mps is None for mission in self.plan.scenario.missions], dtype=np.bool_)
 
     def _starts(self) -> FloatArray:
         return np.array([route.position[0] for route in self.plan.routes])

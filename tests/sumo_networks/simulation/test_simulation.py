@@ -446,6 +446,19 @@ def test_nobody_stands_near_an_ego_when_it_starts(start: Start) -> None:
         assert not world.contacts
 
 
+def test_nobody_stands_near_a_standing_ego_when_another_one_starts_moving(start: Start) -> None:
+    moving = standing_at(100.0, name="moving").model_copy(update={"start_speed_mps": 10.0})
+    near: list[float] = []
+    for seed in range(4):
+        _, world = start(busy_road(moving, standing_at(500.0, name="standing"), seed=seed))
+        fronts = world.actors.position[:, 0] + world.actors.length / 2 * np.cos(world.actors.heading)
+        same_side = world.actors.position[:, 1] < 0
+        assert (np.abs(fronts - 500.0) > START_CLEARANCE_M - 3.0)[same_side].all()
+        assert not world.contacts
+        near += np.abs(fronts - 100.0)[same_side].tolist()
+    assert min(near) < START_CLEARANCE_M - 3.0, "a moving ego starts amid the traffic"
+
+
 def test_pedestrians_walk_and_cross(start: Start) -> None:
     scene = crossing_for_pedestrians()
     mission = Mission(start=Place(lane="w_c_1", position_m=150.0), goal=Place(lane="c_e_1", position_m=-1.0))
