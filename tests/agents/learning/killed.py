@@ -15,6 +15,7 @@ import signal
 import struct
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from dohyo.agents.learning.files.report import Report
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.trainers import trainer_named
-from tests.forked import dohyo
+from tests.agents.learning.exporting import WITHOUT_ONNX, without_onnx
+from tests.forked import MAIN, Python
 
 OF_THE_SESSION = {"run.json", "timing.csv", CARDS, ".lock"}
 """Files that name hosts, times and commands."""
@@ -35,7 +37,9 @@ TIME = "wall_s"
 TRIES = 5
 
 
-def killed_and_resumed(name: str, settings: Sequence[str], folder: Path, seed: int | None = None) -> Path:
+def killed_and_resumed(
+    name: str, settings: Sequence[str], folder: Path, seed: int | None = None, *, onnx: bool = True
+) -> Path:
     """Trains in two folders, of which one is killed and resumed, and compares them; returns the other one.
 
     What is killed is a process of its own. The others train here, where they need not load anything.
@@ -45,13 +49,19 @@ def killed_and_resumed(name: str, settings: Sequence[str], folder: Path, seed: i
         settings: Each "key=value"; for at least two checkpoints.
         folder: An empty one.
         seed: Of the moment, which comes after the first checkpoint; None: a new one.
+        onnx: Whether policies are also exported as ONNX models; else their weights alone are compared.
     """
+    with nullcontext() if onnx else without_onnx():
+        return _killed_and_resumed(name, settings, folder, seed, MAIN if onnx else WITHOUT_ONNX + MAIN)
+
+
+def _killed_and_resumed(name: str, settings: Sequence[str], folder: Path, seed: int | None, program: str) -> Path:
     whole, out = folder / "whole", folder / "killed"
     left_s = _trained(name, settings, whole, resume=False)
     seed = random.randrange(2**31) if seed is None else seed
     share = random.Random(seed).random()
     for _ in range(TRIES):
-        process = dohyo("train", name, "--out", str(out), *(f"--set={setting}" for setting in settings))
+        process = Python(program, "train", name, "--out", str(out), *(f"--set={setting}" for setting in settings))
         process.wait_for(lambda: saved(out))
         time.sleep(share * left_s)
         if process.end(signal.SIGKILL) == -signal.SIGKILL and newest_step(out) < newest_step(whole):

@@ -21,7 +21,7 @@ from dohyo.agents.rlad.rivals.drq_v2 import DrqV2Config
 from dohyo.agents.rlad.training import RLAD, RladConfig, RladRunConfig
 
 LENGTH = 8
-SMALL: dict[str, Any] = {"hidden": (16,), "batch": 4, "learning_starts": 16, "round_steps": 5, "updates_per_step": 0.25}
+SMALL: dict[str, Any] = {"hidden": (16,), "batch": 4, "learning_starts": 8, "round_steps": 5, "updates_per_step": 0.25}
 
 
 class DrawnTown(EndlessDriving):

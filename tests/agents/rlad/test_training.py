@@ -15,7 +15,7 @@ from tests.agents.learning.killed import killed_and_resumed
 
 @pytest.mark.parametrize("algorithm", get_args(Algorithm))
 def test_a_killed_run_ends_bit_equal_to_one_that_was_not(algorithm: str, tmp_path: Path) -> None:
-    whole = killed_and_resumed("tests.agents.rlad.drawn:DRAWN", [f"algorithm={algorithm}"], tmp_path)
+    whole = killed_and_resumed("tests.agents.rlad.drawn:DRAWN", [f"algorithm={algorithm}"], tmp_path, onnx=False)
     frames = TensorDict.load_memmap(whole / "replay")[f"observation.{PICTURE}"]
     assert frames.flatten(1).any(dim=1).all()  # the ring is full
 
@@ -23,7 +23,7 @@ def test_a_killed_run_ends_bit_equal_to_one_that_was_not(algorithm: str, tmp_pat
 @pytest.mark.slow
 def test_so_does_one_of_the_town_in_sumo(tmp_path: Path) -> None:
     settings = ["town.roads=one-route", "steps=48", "checkpoint_every=16", "evaluate_every=100", "tensorboard=false"]
-    settings += ["device=cpu", "sac.hidden=[16]", "sac.batch=4", "sac.learning_starts=16", "sac.round_steps=8"]
+    settings += ["device=cpu", "sac.hidden=[16]", "sac.batch=4", "sac.learning_starts=8", "sac.round_steps=8"]
     settings += ["sac.updates_per_step=0.25", "sac.replay.capacity=64"]
-    whole = killed_and_resumed("rlad", settings, tmp_path)
+    whole = killed_and_resumed("rlad", settings, tmp_path, onnx=False)
     assert TensorDict.load_memmap(whole / "replay")[f"observation.{PICTURE}"][:48].flatten(1).any(dim=1).all()
