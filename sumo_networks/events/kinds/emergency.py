@@ -90,9 +90,14 @@ class EmergencyBehavior(EventBehavior["YieldToEmergencyVehicle"]):
         vehicle = self.actors[0]
         # Vehicles that cannot make room, as before a red light, are removed, so that only the ego blocks it.
         nose = vehicle.s + 0.5 * vehicle.length + CLEARED_M
-        if nose < self._before + context.egos.progress.item(context.ego) - CLEARED_M or self.ahead(context) > 0:
+        if nose < self._before + context.egos.progress.item(context.ego) - CLEARED_M or not self._blocked(context):
             context.requests.append(ClearArea(*self.path.at(nose)[:2], 0.5 * CLEARED_M))
         self.drive(vehicle, self.event.speed_mps, context)
+
+    def _blocked(self, context: EventContext) -> bool:
+        """Whether the ego is ahead in the vehicle's way, and not beside it."""
+        box, speed = context.egos.box(context.ego)[None], context.egos.speed[[context.ego]]
+        return bool(context.egos.active[context.ego]) and self.actors[0].leader(box, speed)[0] < math.inf
 
     def after(self, context: EventContext) -> None:
         """Drives the vehicle on."""

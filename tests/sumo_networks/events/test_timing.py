@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import libsumo
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.world import ActorKind, EventPhase, World
 from tests.conftest import MakeEnv
 from tests.sumo_networks.events.stories import (
+    EVENT,
     STORIES,
     Story,
     boxes_of,
@@ -23,6 +25,8 @@ from tests.sumo_networks.events.stories import (
     state,
     touched,
 )
+from tests.sumo_networks.simulation.drives import on, standing_at
+from tests.worlds import straight_road
 
 CROSSINGS = [
     "dynamic_object_crossing",
@@ -235,6 +239,28 @@ class TestEmergency:
         (key,) = state(worlds[-1]).actors
         row = list(worlds[-1].actors.key).index(key)
         assert worlds[-1].actors.kind[row] == ActorKind.EMERGENCY
+
+    @pytest.mark.parametrize("aside", [True, False])
+    def test_a_car_beside_the_ego_holds_it_up_only_where_the_ego_is_in_its_way(
+        self, aside: bool, make_env: MakeEnv
+    ) -> None:
+        event = EVENT.validate_python({"kind": "yield_to_emergency_vehicle", "name": "it", "at_m": 20, "behind_m": 100})
+        env = make_env(on(straight_road(), standing_at(300.0), events=(event,)), control="lane_command", reward=None)
+        env.reset()
+        libsumo.route.add("vehicle-100", ["w_e"])
+        place = {"departLane": "0" if aside else "1", "departPos": "410", "departSpeed": "0"}
+        libsumo.vehicle.add("vehicle-100", "vehicle-100", "car", "now", **place)
+        libsumo.vehicle.setSpeed("vehicle-100", 0.0)
+
+        def stops_at_x_405(world: World) -> tuple[float, float]:
+            to_go = 105.0 - float(world.egos.progress[0])
+            return min(9.0, math.sqrt(max(4.0 * to_go, 0.0))), float(aside)
+
+        worlds = drive(env, stops_at_x_405, 60, until=over)
+        assert touched(worlds) == []
+        assert state(worlds[-1]).phase is EventPhase.DONE
+        assert (state(worlds[-1]).ahead > 5.0) == aside
+        assert len(rows_of(worlds[-1], "vehicle-100")) == (0 if aside else 1), "removed only where it holds it up"
 
     def test_it_waits_behind_an_ego_that_does_not(self, make_env: MakeEnv) -> None:
         story = STORIES["yield_to_emergency_vehicle"]
