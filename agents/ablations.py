@@ -154,7 +154,7 @@ def _section(one: Decided) -> str:
     told = f"{ablation.asks} The thesis: {ablation.told}"
     lines = [[str(each.claim), _where(each), bracketed(each.difference), _p(each), each.verdict] for each in one.judged]
     table = markdown(["claim", "on", "paired difference", "p (Holm)", "verdict"], lines) if lines else ""
-    commands = [f"`python -m dohyo.agents.studies {name} table`" for name in ablation.studies if _judged(name)]
+    commands = [_command(name) for name in ablation.studies if _judged(name)]
     links = f"[All results]({ablation.page}). {', '.join(commands if lines else [])}".strip()
     sections = [_table(name) for name in ablation.tables]
     parts = (f"### {_heading(ablation)}", told, table, *sections, ablation.found, ablation.because, links)
@@ -166,6 +166,13 @@ def _table(name: str) -> str:
     study, _, section = name.partition(":")
     found = study_named(study)
     return found.tables[section](found.read(found.stored))
+
+
+def _command(name: str) -> str:
+    """What prints the tables of a study, and with which versions of dohyo its rows were made."""
+    study = study_named(name)
+    versions = study.read(study.stored).versions
+    return f"`python -m dohyo.agents.studies {name} table` (rows of dohyo {' and '.join(versions)})"
 
 
 def _where(one: Judgement) -> str:

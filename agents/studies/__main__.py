@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         elif not (results := _stored(study, given)).rows:
             print(f"{name}: no stored rows")
         elif given.action == "table":
-            _table(study, results, given)
+            _table(name, study, results, given)
         elif study.figures is not None:
             for path in study.figures(results, given.out or Path("out/studies") / name):
                 print(f"figure: {path}")
@@ -104,14 +104,22 @@ def _run(name: str, study: Study[Any], given: argparse.Namespace) -> None:
     print(f"rows: {out}" + (f"; {lost} cells were lost, the same command runs them again" if lost else ""))
 
 
-def _table(study: Study[Any], results: Results, given: argparse.Namespace) -> None:
-    for section, table in study.tables.items():
+def _table(name: str, study: Study[Any], results: Results, given: argparse.Namespace) -> None:
+    for section, table in sections(name, study).items():
         text = table(results) if given.section in (None, section) else ""
         if text and given.write:
             write_section(study.page, section, text)
             print(f"{study.page}: {section}")
         elif text:
             print(f"{text}\n")
+
+
+def sections(name: str, study: Study[Any]) -> dict[str, Callable[[Results], str]]:
+    """Sections of a study's page: with which versions its rows were made, and its tables."""
+    return {
+        f"rows of {name}": lambda found: f"Rows of `{name}` were made with dohyo {' and '.join(found.versions)}.",
+        **study.tables,
+    }
 
 
 def _stored(study: Study[Any], given: argparse.Namespace) -> Results:

@@ -6,9 +6,10 @@ import json
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.runs.run import surroundings
@@ -23,6 +24,8 @@ from dohyo.sumo_networks.files import write_atomically
 
 O = TypeVar("O", bound=Config)  # noqa: E741
 ROWS, FACTS = "rows.jsonl", "facts.json"
+FIRST: Final = "0.1.0"
+"""Version that made rows whose sessions were not noted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,12 @@ class Results:
     def kept(self) -> list[Row]:
         """Rows of the cells that were not lost."""
         return [row for row in self.rows if not is_lost(row)]
+
+    @property
+    def versions(self) -> list[str]:
+        """Versions of dohyo that made the rows; empty without rows."""
+        noted = {one["versions"]["dohyo"] for one in self.facts.get("sessions", ())}
+        return sorted(noted or {FIRST}) if self.rows else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,18 +119,23 @@ class Study(Generic[O]):
             progress: See `runner.run`.
 
         Raises:
-            InvalidInputError: An option is wrong, no cell is wanted, or the folder has rows of other options.
+            InvalidInputError: An option is wrong, no cell is wanted, or the folder has rows of other options or another
+                version.
         """
         options = read_settings(self.options, None, settings)
         cells = [cell for cell in self.cells(options) if chosen(cell)]
         if not cells:
             raise InvalidInputError("expected arms, trainings and benchmarks of the study, got a choice without cells")
-        given, earlier = options.model_dump(mode="json"), read_results(out).facts
-        before = earlier.get("options", given)
+        given, earlier = options.model_dump(mode="json"), read_results(out)
+        before = earlier.facts.get("options", given)
         if _defaults(self.options) | before != given:  # rows from before there was an option had its default
             raise InvalidInputError(f"'{out}' has rows of other options: expected {before}; choose another --out")
+        if others := {*earlier.versions} - {here := version("dohyo")}:
+            raise InvalidInputError(
+                f"'{out}' has rows of dohyo {', '.join(sorted(others))}: expected {here}; choose another --out"
+            )
         self.prepare(options, cells, workers)
-        origin = {"options": given, "sessions": [*earlier.get("sessions", ()), surroundings()]}
+        origin = {"options": given, "sessions": [*earlier.facts.get("sessions", ()), surroundings()]}
         out.mkdir(parents=True, exist_ok=True)
         _write_facts(out, origin)
         work = partial(self.work, options)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 from dohyo.agents.studies import __main__ as command
-from dohyo.agents.studies.__main__ import main
+from dohyo.agents.studies.__main__ import main, sections
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.registry import studies, study_named
 from dohyo.agents.studies.rows import Row
@@ -45,7 +46,7 @@ def test_a_page_without_both_marks_is_refused_and_left_alone(tmp_path: Path, dam
 def test_every_section_holds_what_its_stored_rows_give(name: str) -> None:
     study = study_named(name)
     results, page = study.read(study.stored), study.page.read_text()
-    for section, table in study.tables.items():
+    for section, table in sections(name, study).items():
         found = re.search(rf"<!-- begin {section} -->\n(.*?)\n<!-- end {section} -->", page, re.S)
         assert found, f"{study.page} has no section {section}"
         told = (table(results) if results.rows else "") or NO_ROWS
@@ -75,7 +76,7 @@ def test_the_command_lists_the_studies_and_prints_one_section(capsys: pytest.Cap
     main([])
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(studies())
     main(["ghrl-trainings", "table", "--arms", "hrl"])
-    rows = capsys.readouterr().out.strip().splitlines()[2:]
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][2:]
     assert {row.split(" | ")[1] for row in rows} == {"hrl"}
     with pytest.raises(UnknownNameError, match="no study named 'ghlr'; did you mean 'ghrl'"):
         main(["ghlr", "table"])
@@ -109,6 +110,16 @@ def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
     (tmp_path / "facts.json").write_text('{"options": {"runs": "elsewhere"}}')
     with pytest.raises(InvalidInputError, match=r"has rows of other options: expected {'runs': 'elsewhere'}"):
         main(["ghrl", "run", "--arms", "rules", "--only", "precrash", "--out", str(tmp_path)])
+
+
+def test_rows_of_another_version_are_told_and_not_gone_on_with(tmp_path: Path) -> None:
+    study = replace(study_named("ghrl"), work=one_row)
+    study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
+    facts = tmp_path / "facts.json"
+    facts.write_text(facts.read_text().replace(f'"dohyo": "{version("dohyo")}"', '"dohyo": "0.0.1"'))
+    assert "made with dohyo 0.0.1." in sections("ghrl", study)["rows of ghrl"](read_results(tmp_path))
+    with pytest.raises(InvalidInputError, match=rf"has rows of dohyo 0\.0\.1: expected {version('dohyo')}"):
+        study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
 
 
 def test_rows_from_before_there_was_an_option_had_its_default(tmp_path: Path) -> None:
