@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from dohyo.sumo_networks.freeway.drivers import KINDS, PROBE
 from dohyo.sumo_networks.freeway.measure import MINUTE_S
 from dohyo.sumo_networks.freeway.process import MESO, MICRO, start_sumo
 from dohyo.sumo_networks.freeway.road import FreewayRoad, load_freeway
-from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+from dohyo.sumo_networks.freeway.scenario import FreewayScenario, Incident
 from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
 
 Scale = Literal["meso", "micro"]
@@ -124,12 +125,21 @@ def _drive(road: FreewayRoad, scenario: FreewayScenario, scale: Scale, begin_s: 
     usual = {edge: libsumo.lane.getMaxSpeed(f"{edge}_0") for edge in road.mainline.edges}
     for time_s in np.arange(begin_s + MINUTE_S, end + MINUTE_S + 1, MINUTE_S):
         with failing_as_simulation_error(int(time_s)):
-            for incident in scenario.day.incidents if scale == "meso" else ():
-                edge, _ = road.edge_at(incident.position_m)
-                crawls = incident.time_s <= time_s < incident.time_s + incident.duration_s
-                libsumo.edge.setMaxSpeed(edge, CRAWL_MPS if crawls else usual[edge])
+            if scale == "meso":
+                _slow_down(road, scenario.day.incidents, usual, float(time_s))
             libsumo.simulationStep(float(time_s))
         progress(min((time_s - begin_s) / (end - begin_s), 1.0))
+
+
+def _slow_down(road: FreewayRoad, incidents: Sequence[Incident], usual: Mapping[str, float], time_s: float) -> None:
+    """Slows the edges that have at least one incident in force, and frees the edges whose incidents are all over."""
+    crawling: dict[str, bool] = {}
+    for incident in incidents:
+        edge, _ = road.edge_at(incident.position_m)
+        in_force = incident.time_s <= time_s < incident.time_s + incident.duration_s
+        crawling[edge] = crawling.get(edge, False) or in_force
+    for edge, crawls in crawling.items():
+        libsumo.edge.setMaxSpeed(edge, CRAWL_MPS if crawls else usual[edge])
 
 
 def _read(road: FreewayRoad, file: Path, start_s: float, minutes: int) -> Measured:

@@ -74,6 +74,18 @@ def test_an_incident_in_meso_slows_its_segment_and_passes() -> None:
     assert np.nanmean(speed[:5]) > 22
 
 
+@pytest.mark.parametrize("swapped", [False, True])
+def test_of_two_incidents_on_an_edge_in_meso_each_slows_it_while_it_lasts(swapped: bool) -> None:
+    short = Incident(time_s=5.1 * 3600, duration_s=480, position_m=3000.0, lane=0)
+    long = Incident(time_s=5.1 * 3600 + 300, duration_s=900, position_m=3050.0, lane=1)
+    incidents = (long, short) if swapped else (short, long)
+    early = MORNING.model_copy(update={"start_s": 5 * 3600.0, "duration_s": 2700.0, "day": Day(incidents=incidents)})
+    speed = drive_day(early, "meso").truth.speed_mps[:, 5]
+    assert np.nanmax(speed[8:24]) < 15  # from minute 6 to minute 26, whichever of the two is in force
+    assert np.nanmean(speed[35:]) > 22
+    assert np.nanmean(speed[:5]) > 22
+
+
 MINUTE = MORNING.model_copy(update={"duration_s": 60.0, "warm_up_s": 0.0})
 
 
