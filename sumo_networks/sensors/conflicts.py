@@ -1,12 +1,14 @@
-"""Conflicts: actors that will cross or join the ego's path, the meeting points, and the right of way.
+"""Conflicts: who will cross or join the ego's path, the meeting points, and the right of way.
 
 The predictions are those of an attentive driver: others follow their lane and turn as indicated, and pedestrians keep
-their direction, on a crossing to its other side.
+their direction, on a crossing to its other side. Egos have no indicators: another ego turns as its route does.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -14,6 +16,7 @@ from numba import njit
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.command import Command
 from dohyo.sumo_networks.routes.route import Passage
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import ActorKind, LightState, World
@@ -21,22 +24,39 @@ from dohyo.sumo_networks.world import ActorKind, LightState, World
 ROWS = 16
 COLUMNS = 8
 EGO_LOOKAHEAD_M = 60
+NEAR_M = 100.0
 ACTOR_LOOKAHEAD_M = 60.0
 PEDESTRIAN_LOOKAHEAD_S = 6.0
 PEDESTRIAN_LOOKAHEAD_M = 9.0
 MARGIN_M = 0.4
 _INDICATED = {1: "lLt", -1: "rR", 0: "s"}
+_INDICATOR = {Command.LEFT: 1, Command.RIGHT: -1}
+
+
+class _Other(NamedTuple):
+    """An actor or another ego, in the units of `World`."""
+
+    kind: int
+    key: int
+    x: float
+    y: float
+    heading: float
+    speed: float
+    length: float
+    width: float
+    lane: int
+    indicator: int
 
 
 class Conflicts(Sensor):
-    """(16, 8) actors whose expected path meets the ego's route within 60 m, nearest conflict first.
+    """(16, 8) actors and other egos whose expected path meets the ego's route within 60 m, nearest conflict first.
 
     Columns: distance from the ego's front to the conflict area [m, negative beside the ego], distance that the ego's
     front must drive until its rear has left the area [m] (1000 if the other joins the ego's lane), distance from the
     other's front to the area [m] (negative: inside), distance that the other's front must drive until its rear has left
     [m], the other's speed [m/s], right of way (1 the ego must give way, 0 undecided, -1 the other must), kind
-    (`world.ActorKind`), key. Leaders and followers on the ego's path are no conflicts and are left out. Unused rows
-    have distances of 1000 and kind -1.
+    (`world.ActorKind`), key (-1 - its index for an ego). Leaders and followers on the ego's path are no conflicts and
+    are left out. Unused rows have distances of 1000 and kind -1.
     """
 
     name = "conflicts"
@@ -51,7 +71,7 @@ class Conflicts(Sensor):
         """Reads the array; see the class."""
         if self._network is not world.network:
             self._network, self._paths = world.network, {}
-        route, egos, actors = world.routes[ego], world.egos, world.actors
+        route, egos = world.routes[ego], world.egos
         # The path starts under the rear bumper: a pedestrian who walks into the ego's side is a conflict too.
         length, half_width = float(egos.length[ego]), float(egos.width[ego]) / 2
         rear = float(egos.progress[ego]) - length / 2
@@ -59,28 +79,27 @@ class Conflicts(Sensor):
         # Place of the ego's rear on that path: not its start if the route has only begun.
         rear -= first * route.length / (len(route.position) - 1)
         path = route.position[first : first + EGO_LOOKAHEAD_M]
-        ahead = np.hypot(*(actors.position - egos.position[ego]).T) < EGO_LOOKAHEAD_M + 40.0
         rows = []
-        for i in np.flatnonzero(ahead):
-            expected, connection, to_junction = self._expected_path(world, int(i))
+        for other in _others_near(world, ego):
+            expected, connection, to_junction = self._expected_path(world.network, other)
             if len(expected) < 2:
                 continue
-            half_length, reach = float(actors.length[i]) / 2, half_width + float(actors.width[i]) / 2 + MARGIN_M
+            half_length, reach = other.length / 2, half_width + other.width / 2 + MARGIN_M
             meets = _meeting(path, expected, reach)
             if meets[0] < 0:
                 continue
             enter, leave, other_enter, other_leave = meets
-            priority = self._priority(world, ego, float(first + enter), int(i), connection, to_junction)
+            priority = _priority(world, ego, float(first + enter), other, connection, to_junction)
             rows.append(
                 (
                     enter - rear - length,
                     leave - rear if leave < len(path) - 1 else 1000.0,
                     other_enter - half_length,
                     other_leave + half_length,
-                    float(actors.speed[i]),
+                    other.speed,
                     priority,
-                    float(actors.kind[i]),
-                    float(actors.key[i]),
+                    float(other.kind),
+                    float(other.key),
                 )
             )
         rows.sort()
@@ -90,46 +109,91 @@ class Conflicts(Sensor):
             out[: min(len(rows), ROWS)] = rows[:ROWS]
         return out
 
-    def _expected_path(self, world: World, actor: int) -> tuple[FloatArray, int, float]:
-        """Points 1 m apart from the actor's centre on, its next connection, and the distance to that junction [m]."""
-        actors = world.actors
-        x, y = actors.position[actor]
-        if actors.kind[actor] == ActorKind.PEDESTRIAN:
-            speed, heading = float(actors.speed[actor]), float(actors.heading[actor])
-            reach = min(speed * PEDESTRIAN_LOOKAHEAD_S, PEDESTRIAN_LOOKAHEAD_M) if speed > 0.1 else 0.0
+    def _expected_path(self, network: RoadNetwork, other: _Other) -> tuple[FloatArray, int, float]:
+        """Points 1 m apart from the other's centre on, its next connection, and the distance to that junction [m]."""
+        x, y = other.x, other.y
+        if other.kind == ActorKind.PEDESTRIAN:
+            reach = min(other.speed * PEDESTRIAN_LOOKAHEAD_S, PEDESTRIAN_LOOKAHEAD_M) if other.speed > 0.1 else 0.0
             steps = np.arange(0.0, reach, 0.5)
-            return np.column_stack([x + steps * math.cos(heading), y + steps * math.sin(heading)]), -1, 1000.0
-        lane = int(actors.lane[actor])
-        if lane < 0 or world.network.lanes.crossing[lane]:
+            ahead = x + steps * math.cos(other.heading), y + steps * math.sin(other.heading)
+            return np.column_stack(ahead), -1, 1000.0
+        if other.lane < 0 or network.lanes.crossing[other.lane]:
             return np.empty((0, 2)), -1, 1000.0
-        key = (lane, int(actors.indicator[actor]))
+        key = (other.lane, other.indicator)
         if key not in self._paths:
-            self._paths[key] = _lane_path(world.network, *key)
+            self._paths[key] = _lane_path(network, *key)
         points, connection, junction = self._paths[key]
         offset = points[:, 0] - x, points[:, 1] - y
-        nearest = int(np.argmin(np.hypot(*offset)[: int(world.network.lanes.length[lane]) + 2]))
-        return points[nearest:], connection, junction - nearest - float(actors.length[actor]) / 2
+        nearest = int(np.argmin(np.hypot(*offset)[: int(network.lanes.length[other.lane]) + 2]))
+        return points[nearest:], connection, junction - nearest - other.length / 2
 
-    def _priority(
-        self, world: World, ego: int, meets_at: float, actor: int, connection: int, to_junction: float
-    ) -> float:
-        """Right of way: 1 the ego must give way, -1 the other must, 0 undecided."""
-        actors, network = world.actors, world.network
-        if actors.kind[actor] == ActorKind.PEDESTRIAN:
-            return 1.0
-        passage = _passage_at(world.routes[ego].passages, meets_at)
-        if passage is None:
-            return 1.0
-        if network.lanes.internal[actors.lane[actor]] or to_junction < 0.0:
-            return 1.0 if world.egos.progress[ego] < passage.entry else 0.0
-        if connection < 0:
-            return 0.0
-        signal = int(network.connections.signal[connection])
-        if signal >= 0 and world.signals[signal] == LightState.RED:
-            return -1.0
-        if (passage.connection, connection) in network.gives_way_to:
-            return 1.0
-        return -1.0 if (connection, passage.connection) in network.gives_way_to else 0.0
+
+def _others_near(world: World, ego: int) -> Iterator[_Other]:
+    """Actors, then other active egos, within 100 m of an ego."""
+    actors, egos, here = world.actors, world.egos, world.egos.position[ego]
+    for i in np.flatnonzero(np.hypot(*(actors.position - here).T) < NEAR_M).tolist():
+        yield _Other(
+            kind=actors.kind.item(i),
+            key=actors.key.item(i),
+            x=actors.position.item(i, 0),
+            y=actors.position.item(i, 1),
+            heading=actors.heading.item(i),
+            speed=actors.speed.item(i),
+            length=actors.length.item(i),
+            width=actors.width.item(i),
+            lane=actors.lane.item(i),
+            indicator=actors.indicator.item(i),
+        )
+    if len(egos.names) == 1:
+        return
+    for i in np.flatnonzero(egos.active & (np.hypot(*(egos.position - here).T) < NEAR_M)).tolist():
+        if i != ego:
+            yield _Other(
+                kind=int(ActorKind.EGO),
+                key=-1 - i,
+                x=egos.position.item(i, 0),
+                y=egos.position.item(i, 1),
+                heading=egos.heading.item(i),
+                speed=egos.speed.item(i),
+                length=egos.length.item(i),
+                width=egos.width.item(i),
+                lane=_lane_under(world, i),
+                indicator=_turn(world, i),
+            )
+
+
+def _lane_under(world: World, ego: int) -> int:
+    """The lane in which an ego drives; -1 beside all lanes, or against the lane's direction."""
+    egos, lane = world.egos, world.egos.lane.item(ego)
+    inside = lane >= 0 and abs(egos.lane_offset.item(ego)) <= 0.5 * world.network.lanes.width.item(lane)
+    return lane if inside and abs(egos.lane_heading_error.item(ego)) < math.pi / 2 else -1
+
+
+def _turn(world: World, ego: int) -> int:
+    """The turn of an ego's route at its next junction: 1 left, -1 right, 0 none."""
+    progress = world.egos.progress[ego]
+    ahead = (passage.command for passage in world.routes[ego].passages if passage.entry >= progress)
+    return _INDICATOR.get(next(ahead, Command.STRAIGHT), 0)
+
+
+def _priority(world: World, ego: int, meets_at: float, other: _Other, connection: int, to_junction: float) -> float:
+    """Right of way: 1 the ego must give way, -1 the other must, 0 undecided."""
+    network = world.network
+    if other.kind == ActorKind.PEDESTRIAN:
+        return 1.0
+    passage = _passage_at(world.routes[ego].passages, meets_at)
+    if passage is None:
+        return 1.0
+    if network.lanes.internal[other.lane] or to_junction < 0.0:
+        return 1.0 if world.egos.progress[ego] < passage.entry else 0.0
+    if connection < 0:
+        return 0.0
+    signal = int(network.connections.signal[connection])
+    if signal >= 0 and world.signals[signal] == LightState.RED:
+        return -1.0
+    if (passage.connection, connection) in network.gives_way_to:
+        return 1.0
+    return -1.0 if (connection, passage.connection) in network.gives_way_to else 0.0
 
 
 def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:

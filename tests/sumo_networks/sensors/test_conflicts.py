@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.sensors.conflicts import ROWS
-from dohyo.sumo_networks.world import ActorKind, LightState
+from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 NORTH, SOUTH, WEST = math.pi / 2, -math.pi / 2, math.pi
@@ -169,6 +170,62 @@ def test_a_pedestrian_on_a_crossing_is_found_with_its_distances() -> None:
 def test_people_keep_walking_the_way_they_walk(y: float, speed: float, heading: float, count: int) -> None:
     rows = conflicts(before_the_crossing().with_pedestrian(-8.4, speed, y=y, heading=heading))
     assert len(rows) == count
+
+
+# Other egos
+
+
+def beside_another_ego(scene: Scene, x: float, y: float, heading: float, goal: str = "c_n_0") -> World:
+    """The scene's world with a second ego, at 8 m/s, whose route leads from the south to a lane."""
+    world = scene.with_ego(x, 8.0, y=y, heading=heading).world()
+    route = plan_route(scene.network, Mission(start=Place(lane="s_c_0"), goal=Place(lane=goal, position_m=-1.0)))
+    progress, lateral, direction = route.project(x, y, 0.0, ahead=route.length)
+    egos = dataclasses.replace(
+        world.egos,
+        progress=np.array([world.egos.progress[0], progress]),
+        lateral=np.array([world.egos.lateral[0], lateral]),
+        route_heading_error=np.array([world.egos.route_heading_error[0], heading - direction]),
+    )
+    return dataclasses.replace(world, egos=egos, routes=(world.routes[0], route))
+
+
+def read_rows(world: World, ego: int = 0) -> np.ndarray:
+    rows = make_sensors(["conflicts"])[0].read(world, ego)
+    return np.asarray(rows[rows[:, 6] >= 0])
+
+
+@pytest.mark.parametrize(("goal", "indicator"), [("c_n_0", 0), ("c_e_0", -1)])
+def test_another_ego_counts_as_a_car_that_indicates_its_routes_turn(goal: str, indicator: int) -> None:
+    (expected,) = conflicts(eastward(stop_sign_crossing()).with_actor(speed=8.0, **FROM_SOUTH), indicator)
+    (row,) = read_rows(beside_another_ego(eastward(stop_sign_crossing()), **FROM_SOUTH, goal=goal))
+    np.testing.assert_array_equal(row[:6], expected[:6])
+    assert row[6:].tolist() == [ActorKind.EGO, -2.0]
+
+
+def test_of_two_egos_only_one_gives_way() -> None:
+    world = beside_another_ego(eastward(stop_sign_crossing()), **FROM_SOUTH)
+    assert [read_rows(world, ego)[0, 5] for ego in (0, 1)] == [EGO_GIVES_WAY, OTHER_GIVES_WAY]
+
+
+def test_an_ego_whose_drive_is_over_is_no_conflict() -> None:
+    world = beside_another_ego(eastward(lit_crossing()), **FROM_SOUTH)
+    gone = dataclasses.replace(world.egos, active=np.array([True, False]))
+    assert len(read_rows(world)) == 1
+    assert len(read_rows(dataclasses.replace(world, egos=gone))) == 0
+
+
+@pytest.mark.parametrize(
+    ("x", "heading"),
+    [pytest.param(9.0, NORTH, id="beside the road"), pytest.param(-4.8, NORTH, id="in the wrong lane")],
+)
+def test_of_an_ego_beside_its_lanes_or_against_them_nothing_is_expected(x: float, heading: float) -> None:
+    assert len(read_rows(beside_another_ego(eastward(lit_crossing()), x, -50.0, heading))) == 0
+
+
+def test_egos_that_follow_each_other_are_no_conflict() -> None:
+    world = eastward(lit_crossing()).with_ego(-60.0, 12.0).world()
+    assert len(read_rows(world, 0)) == 0
+    assert len(read_rows(world, 1)) == 0
 
 
 # Many
