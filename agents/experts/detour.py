@@ -22,6 +22,7 @@ from dohyo.agents.planning.situation import CELL_M, GRID_X_M, GRID_Y_M, ROAD_BIT
 from dohyo.agents.planning.surroundings import Surroundings
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.sensors.path import BEHIND
 
 LIMIT_M = 30
@@ -160,8 +161,8 @@ def _shifted(path: FloatArray, offset: FloatArray, spacing: float) -> FloatArray
     out = path.copy()
     out[:, 0] -= offset * path[:, 3]
     out[:, 1] += offset * path[:, 2]
-    heading = np.arctan2(path[:, 3], path[:, 2])
-    heading[:-1] += np.arctan(np.diff(offset) / spacing)
+    heading = arctan2(path[:, 3], path[:, 2])
+    heading[:-1] += arctan2(np.diff(offset), spacing)
     out[:, 2], out[:, 3] = np.cos(heading), np.sin(heading)
     return out
 

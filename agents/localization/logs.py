@@ -20,6 +20,7 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.projection import geodetic_to_enu
+from dohyo.sumo_networks.portable_math import arctan2
 
 IMU_COLUMNS = ("t", "ax", "ay", "az", "gx", "gy", "gz")
 GEODETIC, PLANE = ("lat", "lon", "alt"), ("x", "y", "z")
@@ -190,7 +191,7 @@ def _turns(imu: ImuLog, gnss: PositionLog) -> tuple[FloatArray, FloatArray]:
     if len(rows) < 4:
         return np.zeros(1), np.zeros(1)
     legs = np.diff(gnss.position[rows, :2], axis=0)
-    course = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+    course = np.unwrap(arctan2(legs[:, 1], legs[:, 0]))
     middle = 0.5 * (gnss.time[rows][1:] + gnss.time[rows][:-1])
     return np.diff(np.interp(middle, imu.time, heading)), np.diff(course)
 

@@ -10,11 +10,12 @@ from dohyo.agents.mcts.config import ACTIONS, DT, MIDDLE, Rules
 from dohyo.agents.planning.motion import Body, project
 from dohyo.agents.planning.situation import Situation
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.portable_math import exp
 
 
 def kernel(variance: float) -> FloatArray:
     """(13,) Gaussian of the priors by index distance."""
-    return np.asarray(np.exp(-(np.arange(ACTIONS) ** 2) / (2.0 * variance)))
+    return np.asarray(exp(-(np.arange(ACTIONS) ** 2) / (2.0 * variance)))
 
 
 def learned_actions(

@@ -10,6 +10,7 @@ import numpy as np
 from dohyo.agents.planning.scene import HISTORY_STEP_S, Scene
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.portable_math import exp
 from dohyo.sumo_networks.world import ActorKind
 
 HORIZON_S = 8.0
@@ -63,7 +64,7 @@ def constant_speed(scene: Scene) -> FloatArray:
 
 def _turned(steps: FloatArray) -> FloatArray:
     """What a turn of 1 rad/s now adds up to after some steps, rad."""
-    return np.asarray(TURNS_ON_S * (1.0 - np.exp(-steps * STEP_S / TURNS_ON_S)))
+    return np.asarray(TURNS_ON_S * (1.0 - exp(-steps * STEP_S / TURNS_ON_S)))
 
 
 def constant_velocity(scene: Scene) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.portable_math import arctan2
 
 RAMP_M = 12.0
 
@@ -47,5 +48,5 @@ class Sidestep:
         out = route.copy()
         out[:, 0] -= offsets * np.sin(route[:, 2])
         out[:, 1] += offsets * np.cos(route[:, 2])
-        out[:-1, 2] += np.arctan(np.diff(offsets))
+        out[:-1, 2] += arctan2(np.diff(offsets), 1.0)
         return out

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dohyo.agents.priboot.recording.dataset import WAYPOINT_S
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.world import ActorKind
 
 STEP_S, CIRCLES = 0.25, 5
@@ -66,7 +67,7 @@ def _overlaps(
     )
     ahead -= behind
     moving = np.linalg.norm(ahead, axis=1) > 0.05
-    headings = np.where(moving, np.arctan2(ahead[:, 1], ahead[:, 0]), 0.0)
+    headings = np.where(moving, arctan2(ahead[:, 1], ahead[:, 0]), 0.0)
     size = np.full(len(times), _VEHICLE.length), np.full(len(times), _VEHICLE.width)
     ego, ego_radius = _circles(at, headings, *size)
     driven = there[:, 4, None] * times

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.portable_math import arctan2
 
 if TYPE_CHECKING:  # scenarios are read without roads, whose numeric kernels take long to import
     from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -36,7 +37,7 @@ class ActorPath:
         self.points: FloatArray = np.column_stack([np.interp(self.arc, along, points[:, i]) for i in (0, 1)])
         self.length = float(along[-1])
         step = np.gradient(self.points, axis=0)
-        self._heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+        self._heading = np.unwrap(arctan2(step[:, 1], step[:, 0]))
 
     def at(self, s: float, left: float = 0.0) -> tuple[float, float, float]:
         """A point beside the path.

@@ -11,6 +11,7 @@ import numpy as np
 
 from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.geometry import wrap_angle
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.rules.contacts import is_touched
 from dohyo.sumo_networks.rules.red_signal import CLOSED, next_signal, passed_red
 from dohyo.sumo_networks.rules.right_of_way import has_stop_sign, passages_within
@@ -104,7 +105,7 @@ def _hazards(world: World, ego: int) -> tuple[float, float]:
     on_foot = np.concatenate([actors.kind == ActorKind.PEDESTRIAN, np.zeros(len(others), dtype=np.bool_)])
     lane = np.concatenate([actors.lane, np.full(len(others), -1)])
     distance = np.hypot(*offset.T)
-    bearing = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - egos.heading[ego]))
+    bearing = np.abs(wrap_angle(arctan2(offset[:, 1], offset[:, 0]) - egos.heading[ego]))
     turned = np.abs(wrap_angle(heading - egos.heading[ego]))
     vehicle = ~on_foot & (distance < HAZARD_M) & (bearing < math.radians(45)) & (turned <= math.radians(150))
     sidewalk = (lane >= 0) & lanes.pedestrian[lane] & ~lanes.crossing[lane] & ~lanes.drivable[lane]

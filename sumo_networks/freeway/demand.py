@@ -13,6 +13,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.drivers import CAR, CONNECTED, KINDS, PROBE, TRUCK, vehicle_types
 from dohyo.sumo_networks.freeway.road import FreewayRoad
 from dohyo.sumo_networks.freeway.scenario import WEEKEND, Day, FreewayScenario, Incident
+from dohyo.sumo_networks.portable_math import exp
 
 SLICE_S = 60.0
 APPROACH_MPS = 28.0
@@ -41,7 +42,7 @@ class Bell:
     def at(self, hour: FloatArray) -> FloatArray:
         """Demand of this part at hours of the day."""
         width = np.where(hour < self.centre_h, self.rise_h, self.fall_h)
-        return np.asarray(self.height * np.exp(-0.5 * ((hour - self.centre_h) / width) ** 2))
+        return np.asarray(self.height * exp(-0.5 * ((hour - self.centre_h) / width) ** 2))
 
 
 MORNING = Bell(0.79, 7.15, 0.95, 1.1)

@@ -219,7 +219,7 @@ class RoadNetwork:
         s = np.clip(fraction, 0.0, 1.0) * arc[-1]
         i = int(np.clip(np.searchsorted(arc, s, side="right") - 1, 0, len(steps) - 1))
         x, y = shape[i] + steps[i] * ((s - arc[i]) / (arc[i + 1] - arc[i]))
-        return float(x), float(y), float(np.arctan2(steps[i, 1], steps[i, 0]))
+        return float(x), float(y), math.atan2(steps[i, 1], steps[i, 0])
 
     def nearest_lane(self, x: float, y: float, heading: float, preferred: BoolArray) -> tuple[int, float, float]:
         """Drivable lane under a vehicle; see `geometry.nearest_lane`."""

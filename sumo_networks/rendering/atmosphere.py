@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.portable_math import exp
 from dohyo.sumo_networks.rendering.surfaces import Surface
 from dohyo.sumo_networks.units import SIGHT_M
 
@@ -103,12 +105,12 @@ class Atmosphere:
         world ends at 100 m.
         """
         share = np.clip(distance / self.range_m, 0.0, 1.0)
-        end = np.exp(-3.0)
-        return np.asarray((np.exp(-3.0 * share**4) - end) / (1.0 - end))
+        end = math.exp(-3.0)
+        return np.asarray((exp(-3.0 * (share**2) ** 2) - end) / (1.0 - end))
 
     def lit(self, distance: FloatArray) -> FloatArray:
         """Factor of the head lamps on colours, by distance [m]; applied before `tint`."""
-        return np.asarray(1.0 + self.lamps * 2.4 * np.exp(-distance / 16.0))
+        return np.asarray(1.0 + self.lamps * 2.4 * exp(-distance / 16.0))
 
 
 def _mix(a: FloatArray | tuple[float, ...], b: FloatArray | tuple[float, ...], share: float) -> FloatArray:

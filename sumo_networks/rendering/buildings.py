@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.rendering.surfaces import LONGEST_M, CellIndex, ground_of
 
 BLOCK_M = 256.0
@@ -104,11 +105,11 @@ def _along(network: RoadNetwork, side: float) -> FloatArray:
     at = arc[first][which] + (number + 0.5) * pitch
     segment = np.clip(np.searchsorted(arc, at, side="right") - 1, first[which], last[which] - 1)
     vector = lanes.points[segment + 1] - lanes.points[segment]
-    heading = np.arctan2(vector[:, 1], vector[:, 0])
+    heading = arctan2(vector[:, 1], vector[:, 0])
     share = (at - arc[segment]) / np.maximum(step[segment], 1e-9)
     size = np.minimum(pitch * (0.62 + 0.34 * draw[0]), LARGEST_M)
     depth = 10.0 + 5.0 * draw[1]
-    height = FLOOR_M * np.floor(2.0 + 4.0 * draw[2] ** 1.5) + 0.8
+    height = FLOOR_M * np.floor(2.0 + 4.0 * draw[2] * np.sqrt(draw[2])) + 0.8
     aside = _verge(network, lane, side)[which] + 4.0 + 3.0 * draw[3] + depth / 2
     normal = np.column_stack([-np.sin(heading), np.cos(heading)]) * side
     centre = lanes.points[segment] + vector * share[:, None] + normal * aside[:, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -55,7 +56,7 @@ def fixtures_of(network: RoadNetwork) -> Fixtures:
         right, left = lines.segment[row, :2], lines.segment[row, 2:]
         across = (left - right) / max(float(np.hypot(*(left - right))), 1e-9)
         along = np.array([across[1], -across[0]])
-        direction = float(np.arctan2(along[1], along[0]))
+        direction = math.atan2(along[1], along[0])
         edge = int(network.lanes.edge[lane])
         if lines.lit[row]:
             turns = {

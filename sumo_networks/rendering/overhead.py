@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.rendering.plan import draw_boxes, draw_discs, draw_path, warp
 from dohyo.sumo_networks.rendering.surfaces import CellIndex, Surface
 from dohyo.sumo_networks.rendering.tiles import CAPACITY, TILE_PX, TileWindow, surface_tiles
@@ -167,7 +168,7 @@ def _stop_lines(network: RoadNetwork) -> tuple[FloatArray, IntArray, CellIndex]:
     """(S, 5) boxes of the stop lines, their rows in the network, sorted by cell, and the cells."""
     segment = network.stop_lines.segment
     middle, across = (segment[:, :2] + segment[:, 2:]) / 2, segment[:, 2:] - segment[:, :2]
-    heading, length = np.arctan2(across[:, 1], across[:, 0]), np.hypot(across[:, 0], across[:, 1])
+    heading, length = arctan2(across[:, 1], across[:, 0]), np.hypot(across[:, 0], across[:, 1])
     boxes = np.column_stack([middle, heading, length, np.full(len(length), STOP_LINE_M)])
     cells = CellIndex(middle)
     return boxes[cells.order], cells.order, cells

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.portable_math import power
 from dohyo.sumo_networks.rendering.atmosphere import Atmosphere
 from dohyo.sumo_networks.units import SIGHT_M
 
@@ -125,7 +126,7 @@ def _ground_depth(mount: FloatArray, ray: FloatArray) -> FloatArray:
 
 def _sky(air: Atmosphere, rise: FloatArray) -> NDArray[np.uint32]:
     """(H, W) colours of the sky, from the sine of the angle above the horizon."""
-    share = np.clip((rise - 0.06) / 0.6, 0.0, 1.0)[..., None] ** 0.8
+    share = power(np.clip((rise - 0.06) / 0.6, 0.0, 1.0), 0.8)[..., None]
     colour = np.clip(air.horizon * (1.0 - share) + air.zenith * share, 0, 255).astype(np.uint32)
     return np.asarray(colour[..., 0] | (colour[..., 1] << 8) | (colour[..., 2] << 16), dtype=np.uint32)
 
@@ -145,15 +146,17 @@ def _levels(
         ends.append(there[..., :2] * far[..., None])
     along = ends[1] - ends[0]
     along *= np.minimum(1.0, LONGEST_TAP_M / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-9))[..., None]
-    wanted = np.floor(np.log2(np.maximum(across, 1e-9) / FINEST_M))
+    # Powers of two at or below, and at or above; frexp is exact, where log2 differs between processors.
+    wanted = np.frexp(np.maximum(across, 1e-9) / FINEST_M)[1] - 1
     # Fine tiles only near the ego, since a camera of many pixels would otherwise need hundreds of them.
-    coarse = np.ceil(np.log2(np.maximum(np.hypot(points[..., 0], points[..., 1]), 1e-9) / FINEST_REACH_M))
+    mantissa, exponent = np.frexp(np.maximum(np.hypot(points[..., 0], points[..., 1]), 1e-9) / FINEST_REACH_M)
+    coarse = exponent - (mantissa == 0.5)
     number = np.clip(np.maximum(wanted, coarse), 0, LEVELS - 1).astype(int)
     length = np.linalg.norm(ray, axis=-1)
     distance = np.where(seen, depth, 0.0) * length
     left = air.transmission(distance)
     # The flatter the view on a wet road, the more the road mirrors the sky.
-    mirror = air.wet * 0.85 * (1.0 - np.clip(-ray[..., 2] / length, 0.0, 1.0)) ** 4
+    mirror = air.wet * 0.85 * ((1.0 - np.clip(-ray[..., 2] / length, 0.0, 1.0)) ** 2) ** 2
     light = air.lit(distance) * (1.0 - 0.3 * air.wet) * (1.0 - mirror) * left
     haze = mirror * left + (1.0 - left)
     out = []

@@ -12,6 +12,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import project_on_path
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.routes.command import Command
 
 SPACING_M = 1.0
@@ -290,7 +291,7 @@ def _arc_lengths(points: FloatArray) -> FloatArray:
 def _directions(position: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N,) heading [rad] and (N,) curvature [1/m] of an equally spaced path."""
     step = np.gradient(position, axis=0)
-    heading = np.arctan2(step[:, 1], step[:, 0])
+    heading = arctan2(step[:, 1], step[:, 0])
     spacing = float(np.hypot(*np.diff(position, axis=0).T).mean())
     curvature = np.gradient(np.unwrap(heading), spacing)
     return heading, curvature

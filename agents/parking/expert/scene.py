@@ -11,6 +11,7 @@ from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.rows import LotView
 from dohyo.sumo_networks.parking.rules import Outcome
 from dohyo.sumo_networks.parking.tables import OUTCOME, TARGET, WALK_RADIUS, WALK_SPEED, WALK_X, WALK_Y, WALKED
+from dohyo.sumo_networks.portable_math import arctan2
 
 WALL_M: Final = 0.02
 """Thickness of a wall in a plan."""
@@ -43,7 +44,7 @@ def _walls(walls: FloatArray) -> FloatArray:
     """(W, 5) boxes of walls (W, 4)."""
     dx, dy = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
     middle_x, middle_y = (walls[:, 0] + walls[:, 2]) / 2, (walls[:, 1] + walls[:, 3]) / 2
-    return np.column_stack([middle_x, middle_y, np.arctan2(dy, dx), np.hypot(dx, dy), np.full(len(walls), WALL_M)])
+    return np.column_stack([middle_x, middle_y, arctan2(dy, dx), np.hypot(dx, dy), np.full(len(walls), WALL_M)])
 
 
 def _karts(karts: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind
 
@@ -222,7 +223,7 @@ def _ahead(ego: FloatArray, boxes: FloatArray, wide: bool) -> BoolArray:
     """(M,) whether each box's centre is ahead of the ego or, if `wide`, not behind it, seen from its rear axle."""
     back = VehicleParameters().axle_to_centre
     x, y = ego[0] - back * math.cos(ego[2]), ego[1] - back * math.sin(ego[2])
-    bearing = np.arctan2(boxes[:, 1] - y, boxes[:, 0] - x) - ego[2]
+    bearing = arctan2(boxes[:, 1] - y, boxes[:, 0] - x) - ego[2]
     return np.asarray(np.cos(bearing) >= math.cos(BEHIND_RAD if wide else AHEAD_RAD))
 
 
