@@ -19,7 +19,14 @@ ATTEMPTS = 30
 class EdgeGraph:
     """Edges open to one kind of vehicle, and the fastest paths between them."""
 
-    def __init__(self, network: RoadNetwork, permission: BoolArray) -> None:
+    def __init__(self, network: RoadNetwork, permission: BoolArray, borders: EdgeGraph | None = None) -> None:
+        """Finds the edges and what follows them.
+
+        Args:
+            network: The road network.
+            permission: (L,) lanes open to the kind.
+            borders: Graph whose ends are the only ends, since there the road goes on for nobody; None: this one.
+        """
         lanes = network.lanes
         normal = permission & ~lanes.internal & ~lanes.crossing & (lanes.length > 0)
         self.edges = np.unique(lanes.edge[normal])
@@ -28,7 +35,7 @@ class EdgeGraph:
         first = {int(lanes.edge[lane]): int(lane) for lane in np.flatnonzero(normal)[::-1]}
         self.length = np.array([lanes.length[first[int(e)]] for e in self.edges])
         self.time = self.length / np.array([lanes.speed[first[int(e)]] for e in self.edges])
-        self.start = np.array([network.lane_shape(first[int(e)])[0] for e in self.edges])
+        self.start = np.array([network.lane_shape(first[int(e)])[0] for e in self.edges]).reshape(-1, 2)
         self.lane_count = np.bincount([row[int(e)] for e in lanes.edge[normal]], minlength=len(self.edges))
         self.next = _followers(network, permission, normal, row)
         incoming = np.zeros(len(self.edges), dtype=np.int64)
@@ -36,6 +43,12 @@ class EdgeGraph:
             incoming[followers] += 1
         self.sources = np.flatnonzero(incoming == 0)
         self.sinks = np.array([i for i, followers in enumerate(self.next) if not followers], dtype=np.int64)
+        if borders is not None:
+            self.sources = self.sources[np.isin(self.edges[self.sources], borders.edges[borders.sources])]
+            self.sinks = self.sinks[np.isin(self.edges[self.sinks], borders.edges[borders.sinks])]
+        ends, everywhere = borders or self, np.arange(len(self.edges))
+        self._entries = self.sources if len(ends.sources) else everywhere
+        self._exits = self.sinks if len(ends.sinks) else everywhere
         self._trees: dict[int, IntArray] = {}
 
     def random_path(self, rng: np.random.Generator, egos: FloatArray, on_the_way: bool) -> tuple[str, ...]:
@@ -44,12 +57,10 @@ class EdgeGraph:
         Raises:
             InvalidInputError: No two edges are connected, and no edge leads through the whole network.
         """
-        everywhere = np.arange(len(self.edges))
-        sources = everywhere if on_the_way or not len(self.sources) else self.sources
-        sinks = self.sinks if len(self.sinks) else everywhere
+        sources, sinks = np.arange(len(self.edges)) if on_the_way else self._entries, self._exits
         sources = sources[out_of_sight(self.start[sources], egos)]
         weight = self.lane_count[sources] * (self.length[sources] if on_the_way else 1.0)
-        for _ in range(ATTEMPTS if len(sources) else 0):
+        for _ in range(ATTEMPTS if len(sources) and len(sinks) else 0):
             source = int(sources[draw(rng, weight)])
             sink = int(sinks[draw(rng, self.lane_count[sinks])])
             path = self._path(source, sink) if source != sink else []
@@ -113,7 +124,7 @@ def draw(rng: np.random.Generator, weight: FloatArray | IntArray) -> int:
 
 def out_of_sight(places: FloatArray, egos: FloatArray) -> IntArray:
     """Rows of the places (N, 2) [m] that no ego can see; if all are in sight, the row of the farthest place."""
-    if not len(egos):
+    if not len(egos) or not len(places):
         return np.arange(len(places))
     distance = np.hypot(*(places[:, None] - egos).T).min(axis=0)
     hidden = np.flatnonzero(distance > SIGHT_M)
@@ -138,7 +149,21 @@ def _followers(network: RoadNetwork, permission: BoolArray, normal: BoolArray, r
     return [sorted(followers) for followers in out]
 
 
-@lru_cache(maxsize=16)
-def edge_graph(network: RoadNetwork, kind: Literal["drivable", "bicycle"]) -> EdgeGraph:
-    """The edges open to cars or to bicycles, built once per network."""
-    return EdgeGraph(network, getattr(network.lanes, kind))
+@lru_cache(maxsize=32)
+def edge_graph(
+    network: RoadNetwork, kind: Literal["drivable", "bicycle"], closed: frozenset[int] = frozenset()
+) -> EdgeGraph:
+    """The edges open to cars or to bicycles, built once per network.
+
+    Args:
+        network: The road network.
+        kind: Field of `Lanes` that says which lanes are open.
+        closed: Lanes that are closed all the same, such as those for cars only to trucks.
+    """
+    permission: BoolArray = getattr(network.lanes, kind)
+    if not closed:
+        return EdgeGraph(network, permission)
+    open_to_all = edge_graph(network, kind)
+    permission = permission.copy()
+    permission[list(closed)] = False
+    return EdgeGraph(network, permission, borders=open_to_all)

@@ -7,6 +7,7 @@ to it with moveToXY, so that the traffic reacts to the ego.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 import libsumo
 import numpy as np
@@ -79,7 +80,9 @@ class Simulation:
         self.external = ExternalActors()
         self._surroundings = Surroundings(traffic, len(plan.egos))
         self._proxies = SumoProxies(network, plan.vehicle, self._proxy_names)
-        self._population = Population(network, traffic, traffic_rng, sumo_traffic.way_on_foot)
+        self._population = Population(
+            network, traffic, traffic_rng, sumo_traffic.way_on_foot, partial(sumo_traffic.closed_to, network)
+        )
         self._events = EventManager(network, plan.scenario.events, plan.egos, plan.routes, events_seed)
         self._jaywalkers = Jaywalkers(network, traffic.jaywalker_count, np.random.default_rng(walkers_seed))
         start_sumo(network, int(sumo_seed.generate_state(1)[0] % 2**31), plan.conditions.friction)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import libsumo
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from dohyo.sumo_networks.actors.names import TRAFFIC, Role, role_of
 from dohyo.sumo_networks.actors.requests import SpawnPedestrian, SpawnVehicle, Walk
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.simulation.sumo_frame import vehicle_box
 
 # Queries.
@@ -33,6 +35,23 @@ def way_on_foot(walk: Walk) -> tuple[str, ...]:
         walk.source, walk.target, departPos=walk.source_m, arrivalPos=walk.target_m
     )
     return tuple(stages[0].edges) if len(stages) == 1 else ()
+
+
+@lru_cache(maxsize=48)
+def closed_to(network: RoadNetwork, kind: str) -> frozenset[int]:
+    """Lanes of a network that are open to cars and closed to a type of vehicle; SUMO must run on that network.
+
+    Args:
+        network: The road network.
+        kind: Name of a vType in vehicle_types.add.xml.
+    """
+    own_class = libsumo.vehicletype.getVehicleClass(kind)
+    lanes = network.lanes
+    return frozenset(
+        lane
+        for lane in np.flatnonzero(lanes.drivable).tolist()
+        if own_class in libsumo.lane.getDisallowed(str(lanes.ids[lane]))
+    )
 
 
 def vehicles_near(x: float, y: float, radius_m: float) -> FloatArray:

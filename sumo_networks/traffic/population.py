@@ -14,7 +14,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.edge_graph import ATTEMPTS, draw, edge_graph, out_of_sight
 from dohyo.sumo_networks.scenario import Traffic
-from dohyo.sumo_networks.traffic.flows import make_flow_sources
+from dohyo.sumo_networks.traffic.flows import FlowSource, make_flow_sources
 from dohyo.sumo_networks.units import TICK_S
 
 VEHICLE_TYPES = ("car", "van", "truck", "bus")
@@ -23,6 +23,13 @@ NOWHERE: FloatArray = np.empty((0, 2))
 """No points to keep away from."""
 WayOnFoot = Callable[[Walk], tuple[str, ...]]
 """Query: SUMO edge ids of the path of a walk; empty if there is none."""
+ClosedTo = Callable[[str], frozenset[int]]
+"""Query: lanes that are open to cars and closed to a type of vehicle."""
+
+
+def closed_to_nobody(kind: str) -> frozenset[int]:
+    """No lanes: every type may drive where cars may."""
+    return frozenset()
 
 
 class Population:
@@ -34,7 +41,12 @@ class Population:
     """
 
     def __init__(
-        self, network: RoadNetwork, traffic: Traffic, rng: np.random.Generator, way_on_foot: WayOnFoot
+        self,
+        network: RoadNetwork,
+        traffic: Traffic,
+        rng: np.random.Generator,
+        way_on_foot: WayOnFoot,
+        closed_to: ClosedTo = closed_to_nobody,
     ) -> None:
         """Finds the paths of the flows.
 
@@ -42,12 +54,23 @@ class Population:
             InvalidInputError: A flow has no path.
         """
         self.network, self.traffic, self.rng = network, traffic, rng
-        self._way_on_foot = way_on_foot
+        self._way_on_foot, self._closed_to = way_on_foot, closed_to
         self._count = self._ticks = 0
         self._streams = make_flow_sources(network, traffic.flows, rng)
 
     def fill(self) -> Iterator[Request]:
-        """Yields the whole population, spread over the network."""
+        """Yields the whole population, spread over the network.
+
+        Raises:
+            InvalidInputError: Nobody can drive or walk here, or the vehicles of a flow may not drive to its target.
+        """
+        for number, stream in enumerate(self._streams):
+            if stream.type and not self._flow_path(stream, stream.type):
+                source, target = stream.edges[0], stream.edges[-1]
+                raise InvalidInputError(
+                    f"traffic.flows[{number}]: no path that is open to a {stream.type} leads from edge '{source}' to "
+                    f"edge '{target}'"
+                )
         for _ in range(self.traffic.vehicles):
             yield self._vehicle(NOWHERE, on_the_way=True)
         for _ in range(self.traffic.bicycles):
@@ -69,7 +92,10 @@ class Population:
             for _ in stream.due(self._ticks * TICK_S):
                 kind = stream.type or self._vehicle_type()
                 lane = "best" if stream.lane is None else str(stream.lane)
-                yield SpawnVehicle(self._name(Role.FLOW), kind, stream.edges, lane)
+                edges = self._flow_path(stream, kind)
+                if not edges:  # of a mixed flow
+                    kind, edges = "car", stream.edges
+                yield SpawnVehicle(self._name(Role.FLOW), kind, edges, lane)
 
     def replace(self, vehicles: Sequence[str], pedestrians: Sequence[str], egos: FloatArray) -> Iterator[Request]:
         """Yields one new actor for each name; names of others, such as egos, are ignored.
@@ -94,12 +120,30 @@ class Population:
 
     def _vehicle(self, egos: FloatArray, on_the_way: bool) -> SpawnVehicle:
         name, kind = self._name(Role.VEHICLE), self._vehicle_type()
-        edges = edge_graph(self.network, "drivable").random_path(self.rng, egos, on_the_way)
+        try:
+            edges = edge_graph(self.network, "drivable", self._closed(kind)).random_path(self.rng, egos, on_the_way)
+        except InvalidInputError:
+            # Where no road is open to a truck, a car comes instead.
+            kind, edges = "car", edge_graph(self.network, "drivable").random_path(self.rng, egos, on_the_way)
         return _entering(name, kind, edges, on_the_way)
 
     def _bicycle(self, egos: FloatArray, on_the_way: bool) -> SpawnVehicle:
         edges = edge_graph(self.network, "bicycle").random_path(self.rng, egos, on_the_way)
         return _entering(self._name(Role.BICYCLE), "bicycle", edges, on_the_way)
+
+    def _closed(self, kind: str) -> frozenset[int]:
+        return frozenset() if kind in ("car", "bicycle") else self._closed_to(kind)
+
+    def _flow_path(self, stream: FlowSource, kind: str) -> tuple[str, ...]:
+        """Path of a type of vehicle in a flow; empty if it may not drive from source to target."""
+        closed = self._closed(kind)
+        if not closed:
+            return stream.edges
+        source, target = stream.edges[0], stream.edges[-1]
+        entries = self.network.lanes_of_edge[source]
+        if stream.lane is not None and entries[stream.lane] in closed:
+            return ()
+        return edge_graph(self.network, "drivable", closed).fastest(source, target)
 
     def _vehicle_type(self) -> str:
         return VEHICLE_TYPES[draw(self.rng, np.array(VEHICLE_SHARES))]
