@@ -13,6 +13,7 @@ from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.geometry import wrap
+from dohyo.sumo_networks.rules.episode_end import exceeds
 from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import ActorKind, World
 
@@ -75,7 +76,7 @@ class Blocked(Criterion):
         """Yields one infraction when the ego has stood for too long."""
         self._watch(after, ego)
         standing_s = after.time - self._since
-        if standing_s > self.limit_s and not self._reported:
+        if exceeds(standing_s, self.limit_s) and not self._reported:
             self._reported = True
             leader = _leader(after, ego)
             jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S

@@ -10,6 +10,7 @@ from dohyo.sumo_networks.world import World
 
 GOAL_SHARE = 0.99
 GOAL_DISTANCE_M = 10.0
+_ROUNDING_S = 1e-6
 
 
 def reached_goal(world: World, ego: int) -> bool:
@@ -21,7 +22,12 @@ def reached_goal(world: World, ego: int) -> bool:
 
 def is_late(world: World, limit_s: float | None) -> bool:
     """Whether the time limit [s] has passed; False without a limit."""
-    return limit_s is not None and world.time > limit_s
+    return limit_s is not None and exceeds(world.time, limit_s)
+
+
+def exceeds(time_s: float, limit_s: float) -> bool:
+    """Whether a time is above a limit, s: three ticks of 0.1 s, in floating point a bit more, are not above 0.3 s."""
+    return time_s > limit_s + _ROUNDING_S
 
 
 def is_played_out(world: World, duration_s: float | None) -> bool:

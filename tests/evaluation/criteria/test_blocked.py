@@ -22,6 +22,12 @@ def test_standing_for_more_than_three_minutes_counts_once(seconds: float, count:
     assert standing(0.0, seconds) == [InfractionKind.BLOCKED] * count
 
 
+@pytest.mark.parametrize("begin_s", [0.1, 0.2, 0.6, 1.0])
+def test_three_minutes_are_the_same_from_whatever_tick_on(begin_s: float) -> None:
+    assert standing(stops_after(begin_s - 0.05), begin_s + 180.0) == []
+    assert standing(stops_after(begin_s - 0.05), begin_s + 180.1) == [InfractionKind.BLOCKED]
+
+
 @pytest.mark.parametrize(("speed", "count"), [(0.09, 1), (0.1, 0)])
 def test_creeping_at_a_tenth_of_a_metre_per_second_is_driving(speed: float, count: int) -> None:
     assert standing(speed, 185) == [InfractionKind.BLOCKED] * count

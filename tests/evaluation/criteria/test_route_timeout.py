@@ -7,7 +7,9 @@ import pytest
 from dohyo.evaluation.criteria import criteria_for
 from dohyo.evaluation.criteria.route_timeout import RouteTimeout, travel_time
 from dohyo.evaluation.records.specifications import InfractionKind, Status
+from dohyo.sumo_networks.rules.episode_end import is_late
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from dohyo.sumo_networks.units import TICK_S
 from tests.worlds import kinds, run, straight_road
 
 
@@ -17,6 +19,16 @@ def test_the_given_limit_counts_once(seconds: float, count: int) -> None:
     assert kinds(verdict) == [InfractionKind.ROUTE_TIMEOUT] * count
     assert [one.magnitude for one in verdict.infractions] == pytest.approx([5.1] * count)
     assert all(one.unit == "s" for one in verdict.infractions)
+
+
+@pytest.mark.parametrize("ticks", [3, 50, 17, 2999])
+def test_at_the_limit_an_ego_is_not_late_whatever_a_time_rounds_to(ticks: int) -> None:
+    start = straight_road().with_ego(x=50).world()
+    at, after = (dataclasses.replace(start, time=tick * TICK_S) for tick in (ticks, ticks + 1))
+    limit_s = round(ticks * TICK_S, 1)
+    assert [is_late(world, limit_s) for world in (at, after)] == [False, True]
+    assert len(run([start, at], RouteTimeout(limit_s)).infractions) == 0
+    assert len(run([start, at, after], RouteTimeout(limit_s)).infractions) == 1
 
 
 @pytest.mark.parametrize(("early", "count"), [(0.5, 0), (-0.5, 1)])
