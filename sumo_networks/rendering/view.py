@@ -114,8 +114,9 @@ def _axes(optics: Optics) -> FloatArray:
 def _rays(lens: FloatArray, mount: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
     """(..., 3) rays of pixels, ego frame, per metre of depth."""
     focal, cx, cy = (float(one) for one in lens)
-    steps = np.stack([np.ones_like(rows), (cx - columns) / focal, (cy - rows) / focal], axis=-1)
-    return np.asarray(steps @ mount[1:])
+    left, up = ((cx - columns) / focal)[..., None], ((cy - rows) / focal)[..., None]
+    # No matrix product, whose last bits differ between the kernels for processors with and without AVX-512.
+    return np.asarray(mount[1] + left * mount[2] + up * mount[3])
 
 
 def _ground_depth(mount: FloatArray, ray: FloatArray) -> FloatArray:

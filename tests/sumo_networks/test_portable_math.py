@@ -1,4 +1,4 @@
-"""The same bits with and without AVX-512: another process has it switched off in NumPy."""
+"""The same bits with and without AVX-512: another process has it switched off in NumPy and its matrix products."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ import numpy as np
 from dohyo.sumo_networks.portable_math import arctan2, exp, power
 from dohyo.sumo_networks.actors.paths import ActorPath
 from dohyo.sumo_networks.freeway.demand import WEEKDAY
-from dohyo.sumo_networks.rendering.atmosphere import Atmosphere
 from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.rendering.view import Optics, _rays, view_of
 from dohyo.sumo_networks.routes.route import _directions
 
 rng = np.random.default_rng(1)
 x, y = rng.standard_normal((2, 20_000))
 line = np.cumsum(np.abs(rng.standard_normal((20_000, 2))) + 0.5, axis=0)
-air = Atmosphere.of(conditions_named("wet-sunset"))
+view = view_of(Optics(320, 240, 100.0, 0.5, 0.1, 1.6, 5.0, -4.0, 1.0), conditions_named("wet-sunset"))
 for name, array in {
     "arctan2": arctan2(y, x),
     "exp": exp(x),
@@ -34,7 +34,9 @@ for name, array in {
     "headings of a route": _directions(line)[0],
     "headings of a path": ActorPath(line)._heading,
     "demand": WEEKDAY[0].at(np.linspace(0.0, 24.0, 20_000)),
-    "fog": air.transmission(np.linspace(0.0, 100.0, 20_000)),
+    "fog": view.air.transmission(np.linspace(0.0, 100.0, 20_000)),
+    "pixels": np.concatenate([view.ray.ravel(), view.inverse.ravel(), *(level.tone.ravel() for level in view.levels)]),
+    "rays": _rays(view.lens, view.mount, *np.mgrid[0:240, 0:320]),
 }.items():
     print(name, sha256(array.tobytes()).hexdigest())
 """
@@ -52,9 +54,9 @@ def digests(**environment: str) -> list[str]:
     return ended.stdout.splitlines()
 
 
-def test_headings_demand_and_fog_are_the_same_without_avx_512() -> None:
-    usual, without = digests(), digests(NPY_DISABLE_CPU_FEATURES="X86_V4")
-    assert len(usual) == 7
+def test_headings_demand_fog_and_pixels_are_the_same_without_avx_512() -> None:
+    usual, without = digests(), digests(NPY_DISABLE_CPU_FEATURES="X86_V4", OPENBLAS_CORETYPE="Nehalem")
+    assert len(usual) == 9
     assert usual == without
 
 
