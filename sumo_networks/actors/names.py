@@ -44,6 +44,11 @@ def predicted(name: str) -> str:
     return f"{name}:ahead"
 
 
+def approaching(name: str) -> str:
+    """Name of the second proxy of an ego, with which it approaches a junction from beside its route."""
+    return f"{name}:approach"
+
+
 def event_actor(event: str, number: int) -> str:
     """Name of an actor that the script of an event moves."""
     return f"{Role.EVENT}:{event}-{number}"

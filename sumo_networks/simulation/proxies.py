@@ -7,15 +7,19 @@ import math
 import libsumo
 import numpy as np
 
+from dohyo.sumo_networks.actors.names import approaching
 from dohyo.sumo_networks.actors.requests import ShowActor
+from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.simulation.approaches import approach, is_free
 from dohyo.sumo_networks.simulation.sumo_frame import ahead_of, angle_of
 from dohyo.sumo_networks.world import ActorKind
 
 ALIGNED_RAD = 0.6
 GRAZED_M = 0.3
+APPROACH_LENGTH_M = 1.0
 _ANYWHERE = 2  # SUMO's keepRoute: the lane may be off the proxy's route
 _NEAR_M = 5.0  # proxies are on a lane already; in a junction, SUMO's default of 100 m costs 80 us, 5 m cost 10 us
 _Point = tuple[float, float]
@@ -34,10 +38,14 @@ class SumoProxies:
         self._anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
         self._routes: set[str] = set()
         self._shown: set[str] = set()
+        self._own_edges: dict[str, BoolArray] = {}
 
     def add_ego(self, name: str, route: Route) -> None:
-        """Adds the route of an ego's proxy to SUMO."""
+        """Adds the route of an ego's proxies to SUMO."""
         libsumo.route.add(name, route.edges)
+        libsumo.route.add(approaching(name), route.edges)
+        lanes = self._network.lanes
+        self._own_edges[name] = route.on_route | np.isin(lanes.edge_ids, route.edges)[lanes.edge]
 
     def show_ego(self, name: str, centre: _Point, heading: float, route: Route, behind_m: float = 0.0) -> None:
         """Moves the proxy of an ego to the ego, or `behind_m` behind it; off the road the proxy is hidden."""
@@ -48,7 +56,20 @@ class SumoProxies:
         if on_road and not self._strayed(name):
             self._move(name, "ego", (vehicle.length, vehicle.width), lane, front, heading)
         else:
-            self.hide(name)
+            self._remove(name)
+        if on_road and not self._own_edges[name][lane]:
+            self._show_approach(approaching(name), front, heading, route)
+        else:
+            self._remove(approaching(name))
+
+    def _show_approach(self, name: str, front: _Point, heading: float, route: Route) -> None:
+        """Moves the second proxy of an ego to its route beside it, if a junction is near and the lane is free."""
+        place = approach(route, front, heading, inside=name in self._shown)
+        if place is None or self._strayed(name) or not is_free(self._network, place, name):
+            self._remove(name)
+            return
+        lane, point, direction = place
+        self._move(name, "ego", (APPROACH_LENGTH_M, self._vehicle.width), lane, point, direction)
 
     def show_actor(self, actor: ShowActor) -> None:
         """Moves the proxy of an actor to the actor; off the roads, or at an angle to them, it is hidden."""
@@ -73,6 +94,12 @@ class SumoProxies:
         self._move(actor.name, vtype, (length, width), lane, front, heading)
 
     def hide(self, name: str) -> None:
+        """Removes the proxies of an ego or of another actor, if there are any."""
+        self._remove(name)
+        if name in self._own_edges:
+            self._remove(approaching(name))
+
+    def _remove(self, name: str) -> None:
         """Removes a proxy, if there is one.
 
         SUMO keeps a vehicle that moveToXY moved off the road in the list of its last lane, and crashes with a
