@@ -240,7 +240,7 @@ def test_frames_come_from_every_environment() -> None:
 
 def test_without_autoreset_the_caller_says_who_is_reset() -> None:
     env = VectorDrivingEnv(
-        (scenario(5.0, limit_s=0.3), scenario(5.0, limit_s=9.0)), 2, autoreset_mode=AutoresetMode.DISABLED
+        (scenario(5.0, limit_s=0.25), scenario(5.0, limit_s=9.0)), 2, autoreset_mode=AutoresetMode.DISABLED
     )
     env.reset(seed=0)
     for _ in range(3):
