@@ -16,6 +16,7 @@ from dohyo.sumo_networks.events.event import BaseEvent
 from dohyo.sumo_networks.events.placement import place_event
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
+from dohyo.sumo_networks.rules.episode_end import exceeds
 from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import Egos, EventPhase, EventState, World
 
@@ -145,7 +146,7 @@ class EventManager:
             one.phase, one.started = EventPhase.ACTIVE, context.time
         if behavior.act(context):
             one.phase = EventPhase.DONE
-        elif context.time - one.started >= one.timeout:
+        elif not exceeds(one.timeout, context.time - one.started):
             one.phase = EventPhase.TIMED_OUT
         one.ahead = behavior.ahead(context)
         if one.over:

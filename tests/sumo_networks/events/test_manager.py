@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from dohyo.sumo_networks.actors.requests import CancelVehicle, ClearArea, HideActor, Request, ShowActor, SpawnVehicle
 from dohyo.sumo_networks.events.manager import EventManager
@@ -57,3 +58,14 @@ def test_a_vehicle_that_still_waits_is_cancelled_when_the_event_ends() -> None:
     spawned = [request.name for request in ticked(manager, scene) if isinstance(request, SpawnVehicle)]
     ended = ticked(manager, scene, *spawned[:-1], time=10.0)
     assert ended == [CancelVehicle(spawned[-1])]
+
+
+@pytest.mark.parametrize("tick", [1, 33, 71, 152, 314])
+def test_an_event_times_out_in_the_tick_of_its_limit_from_whatever_tick_on(tick: int) -> None:
+    scene = stop_sign_crossing().with_ego(x=-100.0)
+    manager = managed(scene, "enter_actor_flow", 60.0, timeout_s=1.0)
+    begun = ticked(manager, scene, time=tick * TICK_S)
+    spawned = [request.name for request in begun if isinstance(request, SpawnVehicle)]
+    before = ticked(manager, scene, *spawned[:-1], time=(tick + 9) * TICK_S)
+    assert CancelVehicle(spawned[-1]) not in before
+    assert CancelVehicle(spawned[-1]) in ticked(manager, scene, time=(tick + 10) * TICK_S)
