@@ -12,9 +12,10 @@ from dohyo.sumo_networks.actors.requests import ShowActor
 from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.routes.approaches import approach
 from dohyo.sumo_networks.routes.route import Route
-from dohyo.sumo_networks.simulation.approaches import approach, is_free
 from dohyo.sumo_networks.simulation.sumo_frame import ahead_of, angle_of
+from dohyo.sumo_networks.simulation.sumo_traffic import is_free
 from dohyo.sumo_networks.world import ActorKind
 
 ALIGNED_RAD = 0.6

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dohyo.sumo_networks.ego.pose import Pose
+from dohyo.sumo_networks.routes.approaches import approach
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.simulation import Simulation
-from dohyo.sumo_networks.simulation.approaches import approach
 from dohyo.sumo_networks.world import World
 from tests.conftest import Start
 from tests.sumo_networks.simulation.drives import on

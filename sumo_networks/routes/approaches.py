@@ -8,21 +8,17 @@ from __future__ import annotations
 
 import math
 
-import libsumo
-
-from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 
 APPROACH_M = 100.0
 BESIDE_M = 12.0
 ALIGNED_RAD = 1.0
-BEHIND_M = 20.0
-AHEAD_M = 1.0
 _WINDOW_M = 3.0
-_Place = tuple[int, tuple[float, float], float]
+RoadPlace = tuple[int, tuple[float, float], float]
+"""Lane, x and y [m], and direction [rad]."""
 
 
-def approach(route: Route, front: tuple[float, float], heading: float, inside: bool) -> _Place | None:
+def approach(route: Route, front: tuple[float, float], heading: float, inside: bool) -> RoadPlace | None:
     """Place on its route beside an ego that comes to a junction.
 
     Args:
@@ -47,16 +43,3 @@ def approach(route: Route, front: tuple[float, float], heading: float, inside: b
     row = min(int(s / spacing), len(apart) - 2)
     x, y = (route.position[row] + (s / spacing - row) * (route.position[row + 1] - route.position[row])).tolist()
     return route.lane.item(route.index(s)), (x, y), direction
-
-
-def is_free(network: RoadNetwork, place: _Place, proxy: str) -> bool:
-    """Whether no vehicle of a lane is beside a place or less than 20 m behind it, and would brake for a proxy there."""
-    lane, (x, y), direction = place
-    cos, sin = math.cos(direction), math.sin(direction)
-    for name in libsumo.lane.getLastStepVehicleIDs(str(network.lanes.ids[lane])):
-        if name != proxy:
-            front_x, front_y = libsumo.vehicle.getPosition(name)
-            ahead = (front_x - x) * cos + (front_y - y) * sin
-            if -BEHIND_M < ahead < AHEAD_M + libsumo.vehicle.getLength(name):
-                return False
-    return True
