@@ -6,6 +6,7 @@ import re
 from enum import StrEnum
 
 _ROLE = re.compile(r"[a-z]*")
+_APPROACH = ":approach"
 _EVENT_ACTOR = re.compile(r"event:.*-\d+")
 
 
@@ -46,7 +47,12 @@ def predicted(name: str) -> str:
 
 def approaching(name: str) -> str:
     """Name of the second proxy of an ego, with which it approaches a junction from beside its route."""
-    return f"{name}:approach"
+    return f"{name}{_APPROACH}"
+
+
+def is_approaching(name: str) -> bool:
+    """Whether a name is one of `approaching`."""
+    return name.endswith(_APPROACH)
 
 
 def event_actor(event: str, number: int) -> str:

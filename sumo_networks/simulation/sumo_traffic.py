@@ -9,7 +9,7 @@ from functools import lru_cache
 import libsumo
 import numpy as np
 
-from dohyo.sumo_networks.actors.names import TRAFFIC, Role, role_of
+from dohyo.sumo_networks.actors.names import TRAFFIC, Role, is_approaching, role_of
 from dohyo.sumo_networks.actors.requests import SpawnPedestrian, SpawnVehicle, Walk
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -74,12 +74,14 @@ def closed_to(network: RoadNetwork, kind: str) -> frozenset[int]:
 def vehicles_near(x: float, y: float, radius_m: float) -> FloatArray:
     """(M, 6) x, y [m], heading [rad], length, width [m], speed [m/s] of vehicles near a point.
 
-    Egos and actors of events are included; the proxies of jaywalkers are excluded.
+    Egos and actors of events are included; the proxies of jaywalkers and of approaching egos are excluded.
     """
     rows = [
         (*vehicle_box(name), libsumo.vehicle.getSpeed(name))
         for name in libsumo.vehicle.getIDList()
-        if math.dist(libsumo.vehicle.getPosition(name), (x, y)) <= radius_m and role_of(name) is not Role.JAYWALKER
+        if math.dist(libsumo.vehicle.getPosition(name), (x, y)) <= radius_m
+        and role_of(name) is not Role.JAYWALKER
+        and not is_approaching(name)
     ]
     return np.array(rows, dtype=np.float64).reshape(-1, 6)
 

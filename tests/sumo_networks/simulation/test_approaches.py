@@ -12,6 +12,7 @@ from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.routes.approaches import approach
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.simulation import Simulation
+from dohyo.sumo_networks.simulation.sumo_traffic import vehicles_near
 from dohyo.sumo_networks.world import World
 from tests.conftest import Start
 from tests.sumo_networks.simulation.drives import on
@@ -67,6 +68,7 @@ def test_an_ego_that_is_retired_leaves_nothing_on_its_route(start: Start) -> Non
     for y in (81.0, 80.0, 79.0):
         southward(simulation, ONCOMING, y)
     assert set(libsumo.vehicle.getIDList()) == {"ego:ego", "ego:ego:approach"}
+    assert len(vehicles_near(ONCOMING, 79.0, 50.0)) == 1, "who wants to cross sees the ego alone"
     simulation.retire(0)
     simulation.tick(np.zeros((1, 2)))
     assert libsumo.vehicle.getIDList() == ()
