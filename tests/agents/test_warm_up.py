@@ -30,7 +30,7 @@ AGENTS: dict[str, dict[str, Any]] = {
     "rules": {},
     "idm": {},
     "pdm-closed": {},
-    "mbappe": {"simulations": 16},
+    "mbappe": {},
 }
 
 
