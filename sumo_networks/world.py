@@ -165,6 +165,10 @@ class EventState:
     ahead: float
 
 
+NO_DUTIES: IntArray = np.zeros(0, dtype=np.int64)
+"""`World.duties` where no light can ask for a stop or for yielding."""
+
+
 @dataclass(frozen=True, slots=True)
 class World:
     """State of the simulation after a tick.
@@ -180,6 +184,8 @@ class World:
         contacts: Contacts between an ego and another box after this tick.
         names: SUMO ids by actor key.
         events: States of the scripted events, in the order of the scenario.
+        duties: (K,) `rules.right_of_way.RightOfWay` that each signal asks for: STOP at a green right-turn arrow, YIELD
+            at a blinking light, else MAJOR. Empty where no light of the network shows these, and in a replayed log.
     """
 
     tick: int
@@ -192,6 +198,7 @@ class World:
     contacts: tuple[Contact, ...]
     names: tuple[str, ...] | list[str]
     events: tuple[EventState, ...] = ()
+    duties: IntArray = field(default_factory=lambda: NO_DUTIES)
 
     def name_of(self, key: int) -> str:
         """The SUMO id of an actor, or the mission name of an ego (negative keys)."""

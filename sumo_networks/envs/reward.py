@@ -14,7 +14,7 @@ from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.portable_math import arctan2
 from dohyo.sumo_networks.rules.contacts import is_touched
 from dohyo.sumo_networks.rules.red_signal import CLOSED, next_signal, passed_red
-from dohyo.sumo_networks.rules.right_of_way import has_stop_sign, passages_within
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay, duty, passages_within
 from dohyo.sumo_networks.world import ActorKind, World
 
 
@@ -40,7 +40,8 @@ class RoachReward:
     """The reward of Roach, as RLAD and RLfOLD use it: speed, position, rotation, action, termination.
 
     r = r_speed + r_position + r_rotation + r_action + r_termination, with the desired speed falling linearly to 0
-    towards vehicles, pedestrians, red and yellow lights, and stop signs at which the ego has not stopped yet.
+    towards vehicles, pedestrians, red and yellow lights, stop signs and green right-turn arrows at which the ego has
+    not stopped yet.
 
     Attributes:
         max_speed: Desired speed on a free road, m/s (6 in RLAD, 5 in RLfOLD).
@@ -82,9 +83,9 @@ class RoachReward:
         return self.max_speed * share
 
     def _stop_sign(self, world: World, ego: int) -> float:
-        """Distance from the ego's centre to a stop sign within 18 m, m; infinite if none or if the ego has stopped."""
+        """Distance from the ego's centre to a stop sign or arrow within 18 m, m; infinite if none or after a stop."""
         for ahead, passage in passages_within(world.routes[ego], float(world.egos.progress[ego]), LIGHT_M):
-            if has_stop_sign(passage):
+            if duty(world, passage) is RightOfWay.STOP:
                 if ahead < STANDING_M and world.egos.speed[ego] < 0.1:
                     self._stood_before = passage.entry
                 return math.inf if self._stood_before == passage.entry else ahead

@@ -1,4 +1,4 @@
-"""Right of way: the meaning of SUMO's letters for a driver, and the junctions ahead on a route."""
+"""Right of way: what SUMO's letters and lights ask of a driver, and the junctions ahead on a route."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from enum import IntEnum
 
 from dohyo.sumo_networks.routes.route import Passage, Route
+from dohyo.sumo_networks.world import World
 
 
 class RightOfWay(IntEnum):
-    """Duty of a driver at a junction without a signal."""
+    """Duty of a driver at a junction; red and yellow lights come on top of it."""
 
     MAJOR = 0
     YIELD = 1
@@ -24,9 +25,15 @@ def right_of_way(control: str) -> RightOfWay:
     return _OF_LETTER.get(control, RightOfWay.MAJOR)
 
 
-def has_stop_sign(passage: Passage) -> bool:
-    """Whether a stop sign, and no signal, guards a junction."""
-    return right_of_way(passage.control) is RightOfWay.STOP and passage.signal < 0
+def duty(world: World, passage: Passage) -> RightOfWay:
+    """What a junction asks of a driver in this tick: by its signal if there is one, else by the road's letter.
+
+    A green right-turn arrow asks to stop and a blinking light to yield. Where a light works, the road's letter, which
+    says what holds while it is off, does not count.
+    """
+    if passage.signal < 0:
+        return right_of_way(passage.control)
+    return RightOfWay(world.duties.item(passage.signal)) if len(world.duties) else RightOfWay.MAJOR
 
 
 def passages_within(route: Route, s: float, within_m: float) -> Iterator[tuple[float, Passage]]:

@@ -191,9 +191,13 @@ def _priority(world: World, ego: int, meets_at: float, other: _Other, connection
     signal = int(network.connections.signal[connection])
     if signal >= 0 and world.signals[signal] == LightState.RED:
         return -1.0
-    if (passage.connection, connection) in network.gives_way_to:
-        return 1.0
-    return -1.0 if (connection, passage.connection) in network.gives_way_to else 0.0
+    yields = (passage.connection, connection) in network.gives_way_to
+    if not yields and (connection, passage.connection) not in network.gives_way_to:
+        return 0.0
+    if len(world.duties) and signal >= 0 and passage.signal >= 0:
+        mine, others = world.duties[[passage.signal, signal]].tolist()
+        yields = mine > others if mine != others else yields
+    return 1.0 if yields else -1.0
 
 
 def _passage_at(passages: tuple[Passage, ...], s: float) -> Passage | None:

@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.rules.right_of_way import right_of_way
+from dohyo.sumo_networks.rules.right_of_way import duty
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
 
@@ -20,8 +20,9 @@ class JunctionsAhead(Sensor):
 
     Columns: distance from the front bumper to the junction (to its stop line, if there is one) [m, negative once
     passed], distance to the junction's end [m], signal (`world.LightState`, -1 if there is none), right of way
-    (`rules.right_of_way.RightOfWay`: 0 major, 1 yield, 2 stop sign). A junction stays until the ego's front has left
-    it. Unused rows have distances of 1000 and signal -1.
+    (`rules.right_of_way.RightOfWay`: 0 major, 1 yield, also at a blinking light, 2 stop, at a sign or a green
+    right-turn arrow). A junction stays until the ego's front has left it. Unused rows have distances of 1000 and signal
+    -1.
     """
 
     name = "junctions_ahead"
@@ -39,6 +40,6 @@ class JunctionsAhead(Sensor):
             if passage.entry - front > SIGHT_M or row == ROWS:
                 break
             signal = world.signals[passage.signal] if passage.signal >= 0 else -1
-            out[row] = passage.entry - front, passage.exit - front, signal, right_of_way(passage.control).value
+            out[row] = passage.entry - front, passage.exit - front, signal, duty(world, passage)
             row += 1
         return out

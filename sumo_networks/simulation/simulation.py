@@ -258,4 +258,5 @@ class Simulation:
             contacts=contacts(egos, actors),
             names=self._registry.names,
             events=self._events.states(self._registry.keys),
+            duties=self._signals.duties,
         )

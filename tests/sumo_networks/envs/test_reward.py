@@ -8,7 +8,9 @@ import pytest
 
 from dohyo.sumo_networks.envs.reward import RoachReward, make_reward
 from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.world import ActorKind, LightState, World
+from tests.lights import asking
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 SOUTH = -math.pi / 2
@@ -144,6 +146,15 @@ def test_a_stop_sign_slows_it_down_until_it_has_stood_there() -> None:
     assert reward.desired_speed(standing, 0) == 6.0
     assert reward.desired_speed(near, 0) == 6.0, "it has stood there"
     assert RoachReward(obey_lights=False).desired_speed(near, 0) == 6.0
+
+
+def test_a_green_right_turn_arrow_slows_it_down_until_it_has_stood_there() -> None:
+    scene, reward = lit_crossing().with_lights(LightState.OFF), RoachReward()
+    near, standing = (scene.with_ego(x=scene.stop_line("w_c_0") - 6.0, speed=speed).world() for speed in (2.0, 0.0))
+    assert reward.desired_speed(asking(near, w_c_0_s=RightOfWay.YIELD), 0) == 6.0
+    assert reward.desired_speed(asking(near, w_c_0_s=RightOfWay.STOP), 0) == pytest.approx(6.0 * 0.2)
+    assert reward.desired_speed(asking(standing, w_c_0_s=RightOfWay.STOP), 0) == 6.0
+    assert reward.desired_speed(asking(near, w_c_0_s=RightOfWay.STOP), 0) == 6.0, "it has stood there"
 
 
 def test_another_ego_slows_it_down_while_it_drives() -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from dohyo.sumo_networks.rules.red_signal import next_signal, passed_red, red_signal
-from dohyo.sumo_networks.rules.right_of_way import RightOfWay, has_stop_sign, passages_within, right_of_way
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay, duty, passages_within, right_of_way
 from dohyo.sumo_networks.world import LightState
+from tests.lights import asking
 from tests.worlds import lit_crossing, stop_sign_crossing
 
 GREEN, RED, YELLOW = LightState.GREEN, LightState.RED, LightState.YELLOW
@@ -25,9 +26,13 @@ def test_a_junction_is_within_reach_from_its_distance_to_its_entry() -> None:
     assert list(passages_within(route, passage.entry + 0.1, 18.0)) == []
 
 
-def test_a_sign_guards_a_junction_only_without_a_signal() -> None:
-    assert [has_stop_sign(passage) for passage in stop_sign_crossing().route.passages] == [True]
-    assert [has_stop_sign(passage) for passage in lit_crossing().route.passages] == [False]
+def test_where_there_is_a_signal_it_says_what_is_asked_and_elsewhere_the_sign() -> None:
+    signed, lit = stop_sign_crossing().with_ego(x=-40.0).world(), lit_crossing().with_ego(x=-40.0).world()
+    assert [duty(signed, passage) for passage in signed.routes[0].passages] == [RightOfWay.STOP]
+    assert [duty(lit, passage) for passage in lit.routes[0].passages] == [RightOfWay.MAJOR]
+    for asked in RightOfWay:
+        assert [duty(asking(lit, w_c_0_s=asked), passage) for passage in lit.routes[0].passages] == [asked]
+        assert [duty(asking(lit, w_c_0_r=asked), passage) for passage in lit.routes[0].passages] == [RightOfWay.MAJOR]
 
 
 @pytest.mark.parametrize("light", [GREEN, YELLOW, RED])

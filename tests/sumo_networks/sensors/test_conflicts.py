@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from dohyo.sumo_networks.routes.routing import plan_route
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.sensors.conflicts import ROWS
 from dohyo.sumo_networks.world import ActorKind, LightState, World
+from tests.lights import SIDE_ROAD_X, asking, side_road
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
 NORTH, SOUTH, WEST = math.pi / 2, -math.pi / 2, math.pi
@@ -82,6 +84,31 @@ def test_on_the_main_road_the_others_give_way() -> None:
 def test_who_has_a_red_light_gives_way() -> None:
     scene = eastward(lit_crossing()).with_actor(speed=8.0, **FROM_SOUTH)
     assert conflicts(scene.with_lights(LightState.RED))[0, 5] == OTHER_GIVES_WAY
+
+
+@pytest.mark.parametrize(
+    ("ego", "other", "gives_way"),
+    [
+        pytest.param(RightOfWay.MAJOR, RightOfWay.MAJOR, EGO_GIVES_WAY, id="the junction's rules"),
+        pytest.param(RightOfWay.YIELD, RightOfWay.YIELD, EGO_GIVES_WAY, id="both blink: the junction's rules"),
+        pytest.param(RightOfWay.MAJOR, RightOfWay.YIELD, OTHER_GIVES_WAY, id="the other's light blinks"),
+        pytest.param(RightOfWay.MAJOR, RightOfWay.STOP, OTHER_GIVES_WAY, id="the other has an arrow"),
+        pytest.param(RightOfWay.STOP, RightOfWay.MAJOR, EGO_GIVES_WAY, id="the ego has an arrow"),
+    ],
+)
+def test_who_must_stop_or_yield_by_a_light_gives_way(ego: RightOfWay, other: RightOfWay, gives_way: float) -> None:
+    scene = side_road(("G", 60)).with_ego(SIDE_ROAD_X, 8.0, y=-30.0, heading=NORTH).with_actor(-40.0, 8.0, y=-1.6)
+    (row,) = read_rows(asking(scene.world(), s_c_0_r=ego, w_c_0_s=other))
+    assert row[5] == gives_way
+
+
+def test_an_ego_with_an_arrow_gives_way_even_to_who_would_have_to_without_lights() -> None:
+    mission = Mission(start=Place(lane="w_c_0"), goal=Place(lane="c_e_0"))
+    scene = dataclasses.replace(side_road(("G", 60)), mission=mission).with_ego(-40.0, 8.0)
+    world = scene.with_actor(SIDE_ROAD_X, 8.0, y=-30.0, heading=NORTH).world()
+    world = dataclasses.replace(world, actors=dataclasses.replace(world.actors, indicator=np.array([-1])))
+    assert read_rows(world)[0, 5] == OTHER_GIVES_WAY
+    assert read_rows(asking(world, w_c_0_s=RightOfWay.STOP))[0, 5] == EGO_GIVES_WAY
 
 
 def test_who_is_in_the_junction_is_let_out() -> None:
