@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Any, cast
 
 import numpy as np
@@ -64,7 +65,7 @@ def episode(
         benchmark=benchmark,
         egos=egos,
         ticks=600,
-        versions=Versions(dohyo="0.1.0", sumo="1.28.0", network_sha256="1" * 64),
+        versions=Versions(dohyo=version("dohyo"), sumo="1.28.0", network_sha256="1" * 64),
         trajectory_sha256=(trajectory or drive()).sha256(),
         timing=timing,
     )
