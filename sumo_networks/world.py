@@ -31,7 +31,10 @@ class ActorKind(IntEnum):
 
 
 class LightState(IntEnum):
-    """State of one signal. SUMO's G and g are both GREEN, y and Y YELLOW, u (red-yellow) RED, o and O OFF."""
+    """State of one signal. SUMO's G and g are both GREEN, y and Y YELLOW, u (red-yellow) RED, o and O OFF.
+
+    A green right-turn arrow (s) is OFF, too; `World.duties` says what it and a blinking light (o) ask for.
+    """
 
     OFF = 0
     RED = 1

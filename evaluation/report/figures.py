@@ -113,7 +113,7 @@ def infractions_along_route(records: Records) -> go.Figure:
     _entitle(
         figure,
         half if len(shares) > 1 else f"{len(shares) or 'No'} infraction along the routes",
-        "Above: infractions per km driven in that tenth of the route. Below: each infraction.",
+        "Above: infractions per km completed in that tenth of the route. Below: each infraction.",
     )
     figure.update_xaxes(range=[-1.5, 101.5])
     figure.update_xaxes(title_text="share of the route, %", row=2, col=1)
@@ -213,7 +213,7 @@ def _infractions(records: Records) -> Iterator[tuple[Infraction, EgoRecord]]:
 
 
 def _rate_by_tenth(records: Iterable[EpisodeRecord]) -> list[float | None]:
-    """Infractions per km driven in each tenth of the route; None if less than 100 m were driven there."""
+    """Infractions per km completed in each tenth of the route; None if less than 100 m were completed there."""
     km, counts = np.zeros(10), np.zeros(10)
     for _, ego in scored(records):
         tenth_m = ego.route_length_m / 10

@@ -10,7 +10,7 @@ export function explain(ego, rules = "2.0") {
   const { rc, ip, ds, irs } = ego.score;
   const outside = ego.score.outside ?? 0;
   const terms = [["RC", number(rc), "route completion, %"]];
-  if (outside > 0) terms.push(["lanes", number(1 - outside), "share of the distance inside the lanes"]);
+  if (outside > 0) terms.push(["lanes", number(1 - outside), "1 less the metres outside the lanes per metre of route completed"]);
   const counted = ego.infractions.filter((one) => one.factor < 1); // factor 1: these rules do not count the kind
   const signs = rules === "2.1" ? costs(counted) : factors(counted);
   return h(
@@ -59,7 +59,7 @@ export function explain(ego, rules = "2.0") {
     h(
       "p",
       { class: "quiet small" },
-      `Rules ${rules}. Driving outside the lanes counts as a share of the distance; an infraction that ends the drive lowers its route completion.`,
+      `Rules ${rules}. Metres outside the lanes count as a share of the route completed; an infraction that ends the drive lowers its route completion.`,
     ),
   );
 }
