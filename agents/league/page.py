@@ -50,7 +50,7 @@ _RULES: Final = """## Rules
 * Seeds of one mission are drives in different traffic, and count each. A difference is thus one on these missions, in any traffic. Of other missions six or eight say little: if all seeds of a mission count once, differences are significant among the accidents and the excerpts alone (a trial).
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
-* `dohyo league run` resumes; `dohyo league verify --sample 2` drives two rows of everybody again and compares the hashes of the records, and every measure.
+* `dohyo league run` resumes; `dohyo league verify --sample 2` of the version that drove the rows drives two of everybody again, and compares the hashes of the records, and every measure.
 * Numbers of the sources were measured in other simulators, with other traffic and roads. They stand here to be seen, not to be compared."""  # noqa: E501
 
 
