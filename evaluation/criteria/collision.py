@@ -52,7 +52,6 @@ class Collision(Criterion):
     _met_standing: set[int] = field(default_factory=set, init=False, repr=False)
     _left_out: dict[int, bool] = field(default_factory=dict, init=False, repr=False)
     _last_hit: Point | None = field(default=None, init=False, repr=False)
-    _last_actor: int | None = field(default=None, init=False, repr=False)
 
     @property
     def touched(self) -> int:
@@ -79,9 +78,9 @@ class Collision(Criterion):
                 continue
             self._met_standing.discard(key)
             if self._last_hit is None:
-                self._last_hit, self._last_actor = place, key
+                self._last_hit = place
                 yield _collision(after, ego, speed, contact, tick_s, known_fault=self._left_out.pop(key, False))
-            elif key not in self._left_out and key != self._last_actor:
+            elif key not in self._left_out:
                 self._left_out[key] = bool(_collision(after, ego, speed, contact, tick_s).at_fault)
 
     def _begins(self, key: int, time_s: float) -> bool:

@@ -52,7 +52,7 @@ def approaching(name: str) -> str:
 
 def is_approaching(name: str) -> bool:
     """Whether a name is one of `approaching`."""
-    return name.endswith(_APPROACH)
+    return role_of(name) is Role.EGO and name.endswith(_APPROACH)
 
 
 def event_actor(event: str, number: int) -> str:

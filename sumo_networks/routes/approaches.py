@@ -7,19 +7,39 @@ leads away, so beside an ego there a second proxy drives on its route.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from dohyo.sumo_networks.routes.route import Route
 
 APPROACH_M = 100.0
 BESIDE_M = 12.0
 ALIGNED_RAD = 1.0
+NEIGHBOURHOOD_M = 20.0
 _WINDOW_M = 3.0
-RoadPlace = tuple[int, tuple[float, float], float]
-"""Lane, x and y [m], and direction [rad]."""
 
 
-def approach(route: Route, front: tuple[float, float], heading: float, inside: bool) -> RoadPlace | None:
+class Approach(NamedTuple):
     """Place on its route beside an ego that comes to a junction.
+
+    Attributes:
+        lane: Lane of the route.
+        x: x, m, network frame.
+        y: y, m.
+        direction: Direction of the route, rad.
+        lanes: Lanes of the route up to 20 m before and behind the place.
+    """
+
+    lane: int
+    x: float
+    y: float
+    direction: float
+    lanes: tuple[int, ...]
+
+
+def approach(route: Route, front: tuple[float, float], heading: float, inside: bool) -> Approach | None:
+    """The place beside an ego on its route, if the ego comes to a junction.
 
     Args:
         route: Route of the ego.
@@ -28,18 +48,19 @@ def approach(route: Route, front: tuple[float, float], heading: float, inside: b
         inside: Whether the ego may be inside a junction already.
 
     Returns:
-        Lane, x and y [m], and direction [rad]; None if the ego is more than 12 m from its route, does not drive along
-        it, or has no junction within 100 m ahead.
+        The place; None if the ego does not drive along its route within 12 m of it, or has no junction within 100 m
+        ahead.
     """
     apart = ((route.position - front) ** 2).sum(axis=1)
+    # A leg of the route that crosses here, or leads back beside this one, may be nearer.
+    apart[np.cos(route.heading - heading) < math.cos(ALIGNED_RAD)] = math.inf
     row, spacing = int(apart.argmin()), route.length / (len(route.position) - 1)
     if apart[row] > BESIDE_M**2:
         return None
     s, _, direction = route.project(*front, row * spacing, _WINDOW_M, _WINDOW_M)
-    if math.cos(heading - direction) < math.cos(ALIGNED_RAD):
-        return None
     if not any(s < (one.exit if inside else one.entry) and one.entry < s + APPROACH_M for one in route.passages):
         return None
     row = min(int(s / spacing), len(apart) - 2)
     x, y = (route.position[row] + (s / spacing - row) * (route.position[row + 1] - route.position[row])).tolist()
-    return route.lane.item(route.index(s)), (x, y), direction
+    lanes = route.lane[route.index(s - NEIGHBOURHOOD_M) : route.index(s + NEIGHBOURHOOD_M) + 1]
+    return Approach(route.lane.item(route.index(s)), x, y, direction, tuple(dict.fromkeys(lanes.tolist())))

@@ -46,19 +46,21 @@ class SumoProxies:
         libsumo.route.add(name, route.edges)
         libsumo.route.add(approaching(name), route.edges)
         lanes = self._network.lanes
-        self._own_edges[name] = route.on_route | np.isin(lanes.edge_ids, route.edges)[lanes.edge]
+        # An edge inside a junction counts with all of its lanes, like any other.
+        on_edge = np.isin(lanes.edge, lanes.edge[route.on_route])
+        self._own_edges[name] = on_edge | np.isin(lanes.edge_ids, route.edges)[lanes.edge]
 
     def show_ego(self, name: str, centre: _Point, heading: float, route: Route, behind_m: float = 0.0) -> None:
         """Moves the proxy of an ego to the ego, or `behind_m` behind it; off the road the proxy is hidden."""
         network, vehicle = self._network, self._vehicle
         front = ahead_of(*centre, heading, 0.5 * vehicle.length - behind_m)
-        lane, offset, _ = network.nearest_lane(*front, heading, route.on_route)
+        lane, offset, error = network.nearest_lane(*front, heading, route.on_route)
         on_road = lane >= 0 and abs(offset) < 0.5 * (network.lanes.width.item(lane) + vehicle.width)
         if on_road and not self._strayed(name):
             self._move(name, "ego", (vehicle.length, vehicle.width), lane, front, heading)
         else:
             self._remove(name)
-        if on_road and not self._own_edges[name][lane]:
+        if on_road and not (self._own_edges[name][lane] and abs(error) < 0.5 * math.pi):
             self._show_approach(approaching(name), front, heading, route)
         else:
             self._remove(approaching(name))
@@ -69,8 +71,8 @@ class SumoProxies:
         if place is None or self._strayed(name) or not is_free(self._network, place, name):
             self._remove(name)
             return
-        lane, point, direction = place
-        self._move(name, "ego", (APPROACH_LENGTH_M, self._vehicle.width), lane, point, direction)
+        size = APPROACH_LENGTH_M, self._vehicle.width
+        self._move(name, "ego", size, place.lane, (place.x, place.y), place.direction)
 
     def show_actor(self, actor: ShowActor) -> None:
         """Moves the proxy of an actor to the actor; off the roads, or at an angle to them, it is hidden."""

@@ -13,25 +13,24 @@ from dohyo.sumo_networks.actors.names import TRAFFIC, Role, is_approaching, role
 from dohyo.sumo_networks.actors.requests import SpawnPedestrian, SpawnVehicle, Walk
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.routes.approaches import RoadPlace
+from dohyo.sumo_networks.routes.approaches import NEIGHBOURHOOD_M, Approach
 from dohyo.sumo_networks.simulation.sumo_frame import vehicle_box
 
-_BEHIND_M = 20.0
 _AHEAD_M = 1.0
 
 # Queries.
 
 
-def is_free(network: RoadNetwork, place: RoadPlace, proxy: str) -> bool:
-    """Whether no vehicle of a lane is beside a place or less than 20 m behind it, and would brake for a proxy there."""
-    lane, (x, y), direction = place
-    cos, sin = math.cos(direction), math.sin(direction)
-    for name in libsumo.lane.getLastStepVehicleIDs(str(network.lanes.ids[lane])):
-        if name != proxy:
-            front_x, front_y = libsumo.vehicle.getPosition(name)
-            ahead = (front_x - x) * cos + (front_y - y) * sin
-            if -_BEHIND_M < ahead < _AHEAD_M + libsumo.vehicle.getLength(name):
-                return False
+def is_free(network: RoadNetwork, place: Approach, proxy: str) -> bool:
+    """Whether no vehicle of the route's lanes is beside a place or less than 20 m behind it, and would brake there."""
+    cos, sin = math.cos(place.direction), math.sin(place.direction)
+    for lane in place.lanes:
+        for name in libsumo.lane.getLastStepVehicleIDs(str(network.lanes.ids[lane])):
+            if name != proxy:
+                front_x, front_y = libsumo.vehicle.getPosition(name)
+                ahead = (front_x - place.x) * cos + (front_y - place.y) * sin
+                if -NEIGHBOURHOOD_M < ahead < _AHEAD_M + libsumo.vehicle.getLength(name):
+                    return False
     return True
 
 

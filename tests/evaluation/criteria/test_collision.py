@@ -241,6 +241,15 @@ def test_a_contact_that_was_counted_does_not_count_again_outside_the_circle() ->
     assert len(run(pushing, Collision(), seconds=10).infractions) == 1
 
 
+def test_who_is_hit_again_within_the_circle_and_pushed_out_of_it_counts_twice() -> None:
+    met = straight_road().with_ego(x=50, speed=1).with_actor(x=54.4).with_actor(x=900).worlds(seconds=0.3)
+    apart = straight_road().with_ego(x=50).with_actor(x=70).with_actor(x=900).worlds(seconds=6, after=met[-1])
+    pushed = straight_road().with_ego(x=50, speed=5).with_actor(x=54.4, speed=5).with_actor(x=900)
+    worlds = [*met, *apart, *pushed.worlds(seconds=4, after=apart[-1])]
+    assert len(run(worlds, Collision()).infractions) == 2
+    assert len(run([*met, *apart], Collision()).infractions) == 1
+
+
 @pytest.mark.parametrize(("away_m", "count"), [(3.0, 1), (20.0, 2)])
 def test_a_place_that_was_hit_counts_again_once_the_ego_has_left_it(away_m: float, count: int) -> None:
     road = straight_road().with_ego(x=50, speed=10)

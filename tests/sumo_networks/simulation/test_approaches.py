@@ -10,7 +10,7 @@ import pytest
 
 from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.routes.approaches import approach
-from dohyo.sumo_networks.scenario import Mission, Place
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation import Simulation
 from dohyo.sumo_networks.simulation.sumo_traffic import vehicles_near
 from dohyo.sumo_networks.world import World
@@ -87,7 +87,7 @@ def test_only_an_ego_that_drives_along_its_route_to_a_junction_approaches_it(sta
     simulation, _ = start(on(stop_sign_crossing(), FROM_THE_NORTH))
     (route,) = simulation.plan.routes
     south = -0.5 * math.pi
-    lane, (x, y), direction = approach(route, (ONCOMING, 60.0), south, inside=False) or pytest.fail("not found")
+    lane, x, y, direction, _ = approach(route, (ONCOMING, 60.0), south, inside=False) or pytest.fail("not found")
     assert simulation.plan.network.lanes.ids[lane] == "n_c_0"
     assert (x, y, direction) == pytest.approx((OWN_LANE, 60.0, south), abs=0.01)
     assert approach(route, (ONCOMING, 60.0), -south, inside=False) is None, "it drives back"
@@ -96,3 +96,32 @@ def test_only_an_ego_that_drives_along_its_route_to_a_junction_approaches_it(sta
     assert approach(route, (ONCOMING, 5.0), south, inside=False) is None, "it is there"
     assert approach(route, (ONCOMING, 5.0), south, inside=True) is not None
     assert approach(route, (ONCOMING, -40.0), south, inside=True) is None, "it has passed it"
+
+
+@pytest.mark.parametrize("aside_m", [-3.2, 3.2], ids=["in the lane beside", "in the oncoming lane"])
+def test_who_follows_on_the_route_through_a_junction_does_not_brake(aside_m: float, start: Start) -> None:
+    mission = Mission(
+        start=Place(lane="lime_row_2_1", position_m=169.3),
+        goal=Place(lane="south_street_1", position_m=404.6),
+        via=("lime_row_3", "-avenue_3_far_west"),
+    )
+    empty = Traffic(vehicles=0, bicycles=0, pedestrians=0, warm_up_s=0.0)
+    simulation, world = start(Scenario(network="district", missions=(mission,), traffic=empty))
+    route, network, speed = world.routes[0], world.network, 13.0
+    slowest = speed
+    for tick in range(62):
+        row = int(960 + 0.1 * speed * tick)
+        heading = route.heading.item(row)
+        along = np.array([math.cos(heading), math.sin(heading)])
+        # First far from the road, so that the car can enter behind.
+        x, y = route.position[row] + (aside_m if tick > 8 else 30.0) * np.array([-along[1], along[0]])
+        simulation.tick(np.zeros((1, 2)), {0: Pose(x, y, heading, *(speed * along).tolist())})
+        if tick == 0:
+            edge = route.edges.index(str(network.edge_id(route.lane.item(952))))
+            lane_start = network.lane_shape(route.lane.item(952))[0]
+            send("vehicle-1", list(route.edges[edge : edge + 6]), 2, math.dist(lane_start, route.position[952]), speed)
+            libsumo.vehicle.setMaxSpeed("vehicle-1", speed)
+        elif tick > 12:
+            slowest = min(slowest, libsumo.vehicle.getSpeed("vehicle-1"))
+            assert "ego:ego:approach" not in libsumo.vehicle.getIDList(), tick
+    assert slowest > 10.0, "it slows down for the bend alone"
