@@ -62,8 +62,7 @@ def run(
     for _, entrant in chosen:
         check_entrant(entrant)
     with held(folder, "league"):
-        read_league_rows(edition, folder)  # before hours of driving
-        check_version(folder)
+        check_version(folder, read_league_rows(edition, folder))  # before hours of driving
         for discipline, entrant in chosen:
             place, began = out / discipline.name / entrant.folder, surroundings()
             with tell(discipline, entrant) as progress:

@@ -27,6 +27,8 @@ def read_league_rows(edition: Edition, path: Path) -> list[Row]:
     Raises:
         InvalidInputError: A row is damaged, comes twice, or is not of the edition.
     """
+    if (other := _facts(path).get("edition", edition.name)) != edition.name:
+        raise InvalidInputError(f"'{path}': expected rows of edition '{edition.name}', got ones of '{other}'")
     found: dict[Cell, Row] = {}
     for where, text in _lines(path):
         row = _object(where, text)
@@ -38,34 +40,39 @@ def read_league_rows(edition: Edition, path: Path) -> list[Row]:
     return [*found.values()]
 
 
-def versions_of(folder: Path) -> set[str]:
-    """Versions of dohyo with which the rows of a folder were driven; empty where nothing is told of them.
+def versions_of(path: Path, rows: Iterable[Row]) -> set[str]:
+    """Versions of dohyo that drove rows of a file or folder; empty where nothing is told of them.
 
     Raises:
         InvalidInputError: The facts beside the rows are damaged.
     """
-    path = folder / FACTS
-    if not path.is_file():
-        return set()
+    wanted = {f"{row['benchmark']}/{row['arm']}" for row in rows}
     try:
-        evaluations = json.loads(path.read_text())["evaluations"]
-        return {one["versions"]["dohyo"] for one in evaluations.values()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InvalidInputError(f"'{path}': expected versions of evaluations, got none: {error!r}") from error
+        return {one["versions"]["dohyo"] for name, one in _facts(path)["evaluations"].items() if name in wanted}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InvalidInputError(f"'{path}': expected versions of evaluations in {FACTS}, got none") from error
 
 
-def check_version(folder: Path) -> None:
+def check_version(path: Path, rows: Iterable[Row]) -> None:
     """Refuses rows of another version of dohyo, since a record's hash holds the version.
 
     Raises:
         InvalidInputError: There are such rows.
     """
     here = version("dohyo")
-    if others := versions_of(folder) - {here}:
+    if others := versions_of(path, rows) - {here}:
         raise InvalidInputError(
-            f"'{folder}': expected rows that were driven with dohyo {here}, got ones of "
-            f"{', '.join(sorted(others))}, whose records have other hashes; install that version for them"
+            f"'{path}': expected rows that were driven with dohyo {here}, got ones of {', '.join(sorted(others))}, "
+            "whose records have other hashes; install that version for them"
         )
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    """What is told beside the rows of a file or folder: edition and evaluations."""
+    facts = (path if path.is_dir() else path.parent) / FACTS
+    if not facts.is_file():
+        return {"evaluations": {}}
+    return _object(f"'{facts}'", facts.read_text(errors="replace"))
 
 
 def read_comparable_rows(edition: Edition, path: Path) -> list[Row]:

@@ -47,9 +47,9 @@ class Results:
 
     @property
     def versions(self) -> list[str]:
-        """Versions of dohyo that made the rows; empty without rows."""
+        """Versions of dohyo that made the rows that were not lost; empty without any."""
         noted = {one["versions"]["dohyo"] for one in self.facts.get("sessions", ())}
-        return sorted(noted or {FIRST}) if self.rows else []
+        return sorted(noted or {FIRST}) if self.kept else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,8 @@ class Study(Generic[O]):
                 f"'{out}' has rows of dohyo {', '.join(sorted(others))}: expected {here}; choose another --out"
             )
         self.prepare(options, cells, workers)
-        origin = {"options": given, "sessions": [*earlier.facts.get("sessions", ()), surroundings()]}
+        sessions = earlier.facts.get("sessions", ()) if earlier.kept else ()  # one that made no row tells nothing
+        origin = {"options": given, "sessions": [*sessions, surroundings()]}
         out.mkdir(parents=True, exist_ok=True)
         _write_facts(out, origin)
         work = partial(self.work, options)

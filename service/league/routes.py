@@ -46,7 +46,7 @@ def league() -> LeagueView:
     rows = read_comparable_rows(edition, PUBLISHED)
     return LeagueView(
         edition=edition.name,
-        versions=sorted(versions_of(PUBLISHED)),
+        versions=sorted(versions_of(PUBLISHED, rows)),
         told=edition.told,
         looked_at=list(edition.looked_at),
         disciplines=[_discipline(one, standings(one, edition.entrants_of(one), rows)) for one in edition.disciplines],

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from dohyo.agents.league import figures, league, localization
-from dohyo.agents.league.edition import DOCUMENT, PUBLISHED, Discipline, Entrant, read_edition
+from dohyo.agents.league.edition import DOCUMENT, Discipline, Entrant, read_edition
 from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
 from dohyo.agents.league.rows import check_version, read_comparable_rows, read_league_rows, versions_of
@@ -22,7 +22,7 @@ from dohyo.sumo_networks.files import write_atomically
 
 DIFFERS = 1
 EditionFile = Annotated[Path, typer.Option("--edition", help="TOML file of disciplines and entrants.")]
-Rows = Annotated[Path | None, typer.Option(help="Folder of the rows; default: those that come with dohyo.")]
+Rows = Annotated[Path | None, typer.Option(help="Folder of the rows; default: that of the edition's file.")]
 
 
 def run(
@@ -57,8 +57,9 @@ def table(
 ) -> None:
     """Makes the league's page from stored rows."""
     more = f"{figures.SECTION}\n\n{localization.section()}" if edition == DOCUMENT else ""
-    chosen, folder = read_edition(edition), rows or PUBLISHED
-    text = page(chosen, read_comparable_rows(chosen, folder), more, sorted(versions_of(folder)))
+    chosen, folder = read_edition(edition), rows or edition.parent
+    stored = read_comparable_rows(chosen, folder)
+    text = page(chosen, stored, more, sorted(versions_of(folder, stored)))
     if out is None:
         print(text)  # Markdown, for files and pipes
     else:
@@ -77,12 +78,11 @@ def verify(
     find_own_modules()
     chosen = read_edition(edition)
     wanted = [chosen.discipline(name).name for name in disciplines.split(",")] if disciplines else None
-    stored = [
-        row for row in read_league_rows(chosen, rows or PUBLISHED) if wanted is None or row["benchmark"] in wanted
-    ]
+    folder = rows or edition.parent
+    stored = [row for row in read_league_rows(chosen, folder) if wanted is None or row["benchmark"] in wanted]
     if not stored:
-        raise InvalidInputError(f"'{rows or PUBLISHED}': expected rows of the league, found none")
-    check_version(rows or PUBLISHED)
+        raise InvalidInputError(f"'{folder}': expected rows of the league, found none")
+    check_version(folder, stored)
     same = True
     for check in league.verify(chosen, stored, sample, seed):
         row, differences = check.row, check.differences

@@ -355,9 +355,23 @@ def test_rows_of_another_version_are_neither_verified_nor_gone_on_with(
         assert isinstance(done.exception, InvalidInputError)
         assert f"driven with dohyo {version('dohyo')}, got ones of 0.0.1" in str(done.exception)
     assert "driven with dohyo 0.0.1" in dohyo.invoke(app, ["league", "table", *arguments]).output
+    rows = read_rows(tmp_path)
+    with pytest.raises(InvalidInputError, match=r"got ones of 0\.0\.1"):
+        check_version(tmp_path / "rows.jsonl", rows)
+    check_version(tmp_path, [])  # what is told of rows that are gone
     (tmp_path / "facts.json").write_text('{"evaluations": []}')
     with pytest.raises(InvalidInputError, match="expected versions of evaluations"):
-        check_version(tmp_path)
+        check_version(tmp_path, rows)
+
+
+def test_rows_of_another_edition_are_refused(driven: Path, tmp_path: Path, edition: Path) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(edition.read_text().replace('name = "small"', 'name = "later"'))
+    for command in (["table"], ["verify"], ["run", "--out", str(tmp_path / "out")]):
+        done = dohyo.invoke(app, ["league", *command, "--edition", str(other), "--rows", str(driven)])
+        assert isinstance(done.exception, InvalidInputError)
+        assert "expected rows of edition 'later', got ones of 'small'" in str(done.exception)
+    assert not (tmp_path / "out").exists()
 
 
 def test_standings_of_different_drives_are_refused(tmp_path: Path) -> None:

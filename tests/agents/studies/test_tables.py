@@ -120,6 +120,10 @@ def test_rows_of_another_version_are_told_and_not_gone_on_with(tmp_path: Path) -
     assert "made with dohyo 0.0.1." in sections("ghrl", study)["rows of ghrl"](read_results(tmp_path))
     with pytest.raises(InvalidInputError, match=rf"has rows of dohyo 0\.0\.1: expected {version('dohyo')}"):
         study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
+    (tmp_path / "rows.jsonl").unlink()  # a session that made none
+    for _ in range(2):
+        study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
+    assert read_results(tmp_path).versions == [version("dohyo")]
 
 
 def test_rows_from_before_there_was_an_option_had_its_default(tmp_path: Path) -> None:
