@@ -38,8 +38,11 @@ from dohyo.agents.learning.tasks.task import named
 from dohyo.agents.parking.training.features import KartFeatures
 from dohyo.agents.parking.training.task import ParkingTask, Reward, SceneName
 from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.parking.generate import DAY_TICKS
 
 LOTS = 256
+LIMITS_BETWEEN_CUTS = 3
 """Agents that learn together in the thesis, after it had begun with 8."""
 _EXPERT = "hybrid A* on Dubins curves with a tracker, forwards only"
 
@@ -71,7 +74,7 @@ class ParkingConfig(RunConfig):
         karts: In each lot.
         reward: See `agents.parking.training.task.REWARDS`.
         progress: Reward per metre towards the spot (ours).
-        gradual: Whether the curriculum is used.
+        gradual: Whether the curriculum is used; checkpoints must then be three time limits apart.
         lots: Held-out lots of an evaluation.
         algorithm: What learns.
         curiosity: Whether ICM rewards PPO or MA-POCA.
@@ -119,8 +122,23 @@ class ParkingConfig(RunConfig):
         return ParkingTask(self.scene, self.reward, self.progress, self.karts, self.gradual, self.lots)
 
 
+def _check_cuts(settings: ParkingConfig) -> None:
+    """A curriculum counts whole episodes between two checkpoints; where hardly one fits, it would never promote."""
+    least = LIMITS_BETWEEN_CUTS * DAY_TICKS * settings.environments
+    if settings.gradual and settings.checkpoint_every < least:
+        raise InvalidInputError(
+            f"gradual=true: expected checkpoint_every of at least {least}, {LIMITS_BETWEEN_CUTS} time limits of "
+            f"{settings.environments} karts, got {settings.checkpoint_every}"
+        )
+
+
 def make_learner(settings: ParkingConfig, collector: Collector, run: TaskRun) -> Learner:
-    """Learner that the settings name."""
+    """Learner that the settings name.
+
+    Raises:
+        InvalidInputError: Checkpoints come too often for a curriculum.
+    """
+    _check_cuts(settings)
     task = settings.task
     if settings.algorithm == "sac":
         replay = make_replay(task, run, settings.sac, rows=len(collector))

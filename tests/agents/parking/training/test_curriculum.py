@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from typer.testing import CliRunner
 
 from dohyo.agents.learning.tasks.curriculum import Progress
 from dohyo.agents.parking.training.curriculum import Doubling, tasks
 from dohyo.agents.parking.training.task import ParkingTask
+from dohyo.service.cli import app
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.rules import ALIGNED
 
@@ -48,3 +51,10 @@ def test_obstacles_come_before_alignment_and_the_last_task_is_the_whole():
     assert gradual.levels[-1] == ParkingTask().levels[0]
     assert gradual.curriculum is not None
     assert gradual.curriculum.levels == len(gradual.levels)
+
+
+def test_a_curriculum_whose_checkpoints_leave_no_room_for_episodes_is_refused(tmp_path):
+    arguments = ["train", "parking", "--set", "gradual=true", "--out", str(tmp_path / "run")]
+    done = CliRunner().invoke(app, arguments)
+    assert isinstance(done.exception, InvalidInputError)
+    assert "expected checkpoint_every of at least 460800, 3 time limits of 256 karts, got 20000" in str(done.exception)
