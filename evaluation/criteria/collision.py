@@ -28,8 +28,8 @@ class Collision(Criterion):
     The ego's speed is the faster of those before and after the tick: an ego that brakes to a stop in the tick of the
     impact was moving. Who touched the standing ego is hit by it once it drives into him with its bumper.
 
-    A circle lies around the last counted collision until the ego has left it. Another actor that is touched inside is
-    left out, and counts if its contact goes on, or is renewed within `same_actor_s`, after the ego has left the circle.
+    A circle lies around the last counted collision until the ego has left it. A contact that begins inside is left out,
+    and counts if it goes on, or is renewed within `same_actor_s`, after the ego has left the circle.
 
     Attributes:
         standing_mps: An ego slower than this stands: being hit is then no infraction, m/s.

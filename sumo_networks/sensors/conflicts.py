@@ -19,7 +19,7 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.command import Command
 from dohyo.sumo_networks.routes.route import Passage
 from dohyo.sumo_networks.sensors.base import Sensor, Track
-from dohyo.sumo_networks.world import ActorKind, LightState, World
+from dohyo.sumo_networks.world import ActorKind, Actors, Egos, LightState, World
 
 ROWS = 16
 COLUMNS = 8
@@ -132,34 +132,19 @@ def _others_near(world: World, ego: int) -> Iterator[_Other]:
     """Actors, then other active egos, within 100 m of an ego."""
     actors, egos, here = world.actors, world.egos, world.egos.position[ego]
     for i in np.flatnonzero(np.hypot(*(actors.position - here).T) < NEAR_M).tolist():
-        yield _Other(
-            kind=actors.kind.item(i),
-            key=actors.key.item(i),
-            x=actors.position.item(i, 0),
-            y=actors.position.item(i, 1),
-            heading=actors.heading.item(i),
-            speed=actors.speed.item(i),
-            length=actors.length.item(i),
-            width=actors.width.item(i),
-            lane=actors.lane.item(i),
-            indicator=actors.indicator.item(i),
-        )
+        known = actors.kind.item(i), actors.key.item(i), actors.lane.item(i), actors.indicator.item(i)
+        yield _other(actors, i, *known)
     if len(egos.names) == 1:
         return
     for i in np.flatnonzero(egos.active & (np.hypot(*(egos.position - here).T) < NEAR_M)).tolist():
         if i != ego:
-            yield _Other(
-                kind=int(ActorKind.EGO),
-                key=-1 - i,
-                x=egos.position.item(i, 0),
-                y=egos.position.item(i, 1),
-                heading=egos.heading.item(i),
-                speed=egos.speed.item(i),
-                length=egos.length.item(i),
-                width=egos.width.item(i),
-                lane=_lane_under(world, i),
-                indicator=_turn(world, i),
-            )
+            yield _other(egos, i, int(ActorKind.EGO), -1 - i, _lane_under(world, i), _turn(world, i))
+
+
+def _other(table: Actors | Egos, row: int, kind: int, key: int, lane: int, indicator: int) -> _Other:
+    x, y = table.position[row].tolist()
+    body = table.heading.item(row), table.speed.item(row), table.length.item(row), table.width.item(row)
+    return _Other(kind, key, x, y, *body, lane, indicator)
 
 
 def _lane_under(world: World, ego: int) -> int:

@@ -46,9 +46,7 @@ class SumoProxies:
         libsumo.route.add(name, route.edges)
         libsumo.route.add(approaching(name), route.edges)
         lanes = self._network.lanes
-        # An edge inside a junction counts with all of its lanes, like any other.
-        on_edge = np.isin(lanes.edge, lanes.edge[route.on_route])
-        self._own_edges[name] = on_edge | np.isin(lanes.edge_ids, route.edges)[lanes.edge]
+        self._own_edges[name] = np.isin(lanes.edge, lanes.edge[route.on_route])  # those inside junctions, too
 
     def show_ego(self, name: str, centre: _Point, heading: float, route: Route, behind_m: float = 0.0) -> None:
         """Moves the proxy of an ego to the ego, or `behind_m` behind it; off the road the proxy is hidden."""

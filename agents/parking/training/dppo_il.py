@@ -42,8 +42,9 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import DAY_TICKS
 
 LOTS = 256
-LIMITS_BETWEEN_CUTS = 3
 """Agents that learn together in the thesis, after it had begun with 8."""
+LIMITS_BETWEEN_CUTS = 3
+"""Least number of episodes at their time limit between two checkpoints of a training with a curriculum."""
 _EXPERT = "hybrid A* on Dubins curves with a tracker, forwards only"
 
 

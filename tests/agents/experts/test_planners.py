@@ -195,7 +195,7 @@ def test_in_a_junction_who_comes_from_the_side_counts_for_the_time_to_collision(
 
 
 def test_the_time_to_collision_looks_from_the_rear_axle_of_the_present() -> None:
-    """Whoever is about to be hit at 10 m/s is ahead of it, though beside the box where the two would meet."""
+    """A car that would be hit at 10 m/s is ahead of the ego, though beside its box where the two would meet."""
     for y in np.arange(-60.0, 0.0, 1.0).tolist():
         _, scores = rolled(crossed_by_a_car(y, junction=False), 10.0)
         assert scores[4, TTC] == scores[4, NC]
