@@ -4,6 +4,7 @@ REPORT ?= report.html
 
 VENV := .venv
 BIN := $(VENV)/bin
+PACKAGES := $(VENV)/.packages
 INSTALLED := $(VENV)/.installed
 EXTRAS ?= dev
 RESULTS := out/quickstart
@@ -56,8 +57,14 @@ clean:  ## Remove the virtual environment, the report and caches; results in out
 		.hypothesis .import_linter_cache
 	@find agents evaluation examples service sumo_networks tests -name __pycache__ -prune -exec rm -rf {} +
 
-# The stamp is younger than pyproject.toml exactly when what it asks for is installed.
-$(INSTALLED): pyproject.toml
+# The stamps are younger than pyproject.toml exactly when what it asks for is installed.
+$(INSTALLED): $(PACKAGES)
+	@$(BIN)/python -c 'import libsumo' || \
+		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
+	@$(BIN)/python -m dohyo.sumo_networks.networks.catalog
+	@touch $@
+
+$(PACKAGES): pyproject.toml
 	@command -v $(PYTHON) >/dev/null || \
 		{ echo "dohyo: no '$(PYTHON)' here; expected Python 3.11 or newer (make PYTHON=... $(MAKECMDGOALS))" >&2; exit 2; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -67,7 +74,4 @@ $(INSTALLED): pyproject.toml
 		{ echo "dohyo: '$(PYTHON)' has no venv module (Debian: apt-get install python3-venv)" >&2; exit 2; }
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	@$(BIN)/python .ci/install.py $(EXTRAS)
-	@$(BIN)/python -c 'import libsumo' || \
-		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
-	@$(BIN)/python -m dohyo.sumo_networks.networks.catalog
 	@touch $@

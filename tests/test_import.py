@@ -34,6 +34,12 @@ def test_the_import_loads_nothing_heavy() -> None:
     assert not [name for name in loaded if name.startswith(("dohyo.sumo_networks", "dohyo.evaluation", "dohyo.agents"))]
 
 
+def test_the_service_starts_without_torch() -> None:
+    code = "import sys, dohyo.service.app; print(*{'torch', 'torchrl', 'onnxruntime'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"
+
+
 @pytest.mark.parametrize("name", dohyo.__all__)
 def test_every_name_is_there_and_typed(name: str) -> None:
     assert getattr(dohyo, name) is getattr(import_module(dohyo._HOMES[name]), name)

@@ -15,7 +15,7 @@ from typing import Any, Final
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
 from dohyo.agents.league.evaluating import Progress, check_entrant, evaluate
 from dohyo.agents.league.rows import check_version, read_league_rows
-from dohyo.agents.learning.runs.run import surroundings
+from dohyo.agents.learning.files.surroundings import surroundings
 from dohyo.agents.studies.rows import Row, is_lost
 from dohyo.agents.studies.study import FACTS, ROWS
 from dohyo.evaluation.families import Family

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from dohyo.agents.learning.files.settings import read_settings
-from dohyo.agents.learning.runs.run import surroundings
+from dohyo.agents.learning.files.surroundings import surroundings
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
 from dohyo.agents.studies.rows import Row, is_lost, read_rows

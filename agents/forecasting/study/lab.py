@@ -32,7 +32,7 @@ from dohyo.agents.forecasting.study.arms import Variant
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.learning.files.card import UNKNOWN, Card, digest, weights_of, write_card
 from dohyo.agents.learning.files.command import typed
-from dohyo.agents.learning.runs.run import surroundings
+from dohyo.agents.learning.files.surroundings import surroundings
 from dohyo.sumo_networks.files import write_atomically
 
 SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}

@@ -13,15 +13,10 @@ result.json        the outcome
 from __future__ import annotations
 
 import json
-import os
-import platform
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
 from typing import Any, Generic, TypeVar
@@ -33,13 +28,13 @@ from dohyo.agents.learning.files.checkpoint import load_checkpoint, save_checkpo
 from dohyo.agents.learning.files.command import typed
 from dohyo.agents.learning.files.metrics import Board, Number, Table
 from dohyo.agents.learning.files.settings import as_toml, differences, read_settings
+from dohyo.agents.learning.files.surroundings import surroundings
 from dohyo.agents.learning.runs.config import BaseRunConfig, RunConfig
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
-PACKAGES = ("dohyo", "torch", "torchrl", "tensordict", "numpy", "gymnasium", "libsumo")
 
 
 class RunStoppedError(DohyoError):
@@ -234,35 +229,3 @@ def device_of(name: str) -> torch.device:
     except (RuntimeError, AssertionError, NotImplementedError) as error:
         raise InvalidInputError(f"device '{name}' cannot be used: {str(error).splitlines()[0]}") from error
     return device
-
-
-def surroundings() -> dict[str, Any]:
-    """Facts of a session: commit, versions, host."""
-    return {
-        "command": sys.argv,
-        "commit": _git("rev-parse", "HEAD"),
-        "uncommitted": (status := _git("status", "--porcelain")) is not None and status != "",
-        "python": platform.python_version(),
-        "versions": {name: _version(name) for name in PACKAGES},
-        "host": platform.node(),
-        "system": platform.platform(),
-        "cores": os.cpu_count(),
-        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-    }
-
-
-def _git(*arguments: str) -> str | None:
-    """Commit of the folder that this code is in; None without git or repository."""
-    try:
-        command = ["git", "-C", str(Path(__file__).parent), *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None

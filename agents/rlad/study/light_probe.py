@@ -22,8 +22,8 @@ from dohyo.agents.endless_driving.environment import LIGHT
 from dohyo.agents.endless_driving.latent import SLIM
 from dohyo.agents.endless_driving.observation import PICTURE
 from dohyo.agents.endless_driving.task import EndlessDriving
+from dohyo.agents.learning.files.surroundings import surroundings
 from dohyo.agents.learning.networks.modules import mlp
-from dohyo.agents.learning.runs.run import surroundings
 from dohyo.agents.perception.encoders.rlad import RladEncoder
 from dohyo.agents.rlad.light_loss import CLASSES, HIDDEN
 from dohyo.sumo_networks.files import write_atomically
