@@ -7,6 +7,7 @@ An interval over seeds is Student's; a single seed has the interval of its own e
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import re
@@ -15,12 +16,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit  # type: ignore[import-untyped]
 
 from dohyo.agents.studies.arms import Cell
-from dohyo.agents.studies.study import Results
+from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.study import FIRST, Results
 from dohyo.agents.studies.trained import Columns, columns
 from dohyo.evaluation.report.style import MISSING, interval, markdown
 from dohyo.evaluation.statistics import Estimate
@@ -98,14 +101,22 @@ def run_folder(runs: Path, arm: str, seed: int, task: str) -> Path:
 
 
 def find_trainings(runs: Path, tasks: Iterable[str]) -> Results:
-    """A row for every training of a folder, with its folder."""
-    found = []
+    """A row for every training of a folder, with its folder; the facts have the sessions that they noted."""
+    found: list[Row] = []
+    sessions: list[dict[str, Any]] = []
     for folder in sorted(runs.glob("*/seed-*/*")):
         arm, numbered, task = folder.parts[-3:]
         seed = re.fullmatch(r"seed-(\d+)", numbered)
         if seed and task in tasks and folder.is_dir():
             found.append({**Cell(arm, int(seed[1]), BENCHMARK, task, None)._asdict(), "folder": str(folder)})
-    return Results(found, {})
+            sessions += _sessions(folder)
+    return Results(found, {"sessions": sessions})
+
+
+def _sessions(folder: Path) -> list[dict[str, Any]]:
+    """Sessions of a run; where a folder keeps only its tables, one of the version that made such folders."""
+    noted = folder / "run.json"
+    return json.loads(noted.read_text())["sessions"] if noted.exists() else [{"versions": {"dohyo": FIRST}}]
 
 
 def read_trainings(results: Results, arms: Sequence[str], tasks: Sequence[str]) -> Trainings:

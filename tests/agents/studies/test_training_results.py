@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,14 @@ def test_trainings_are_found_by_task_arm_and_seed_and_other_folders_are_left_alo
     assert [run.seed for run in found["lane"]["ghrl"]] == [0, 1, 2]
     assert [run.imitated for run in found["lane"]["ghrl"]] == [4000] * 3
     assert found["lane"]["hrl"][0].seed == 2
+
+
+def test_trainings_tell_the_versions_that_made_them(runs):
+    assert results.find_trainings(runs, TASKS).versions == ["0.1.0"]
+    sessions = [{"versions": {"dohyo": version}} for version in ("0.2.0", "0.3.0")]
+    (runs / "hrl" / "seed-2" / "lane" / "run.json").write_text(json.dumps({"sessions": sessions}))
+    assert results.find_trainings(runs, TASKS).versions == ["0.1.0", "0.2.0", "0.3.0"]
+    assert results.find_trainings(runs / "nowhere", TASKS).versions == []
 
 
 def test_a_training_that_was_not_evaluated_so_far_is_named(runs, caplog):
