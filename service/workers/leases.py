@@ -101,11 +101,17 @@ class LeaseBook:
         return {worker.token_id for worker in self._workers.values()}
 
     def dismiss(self, token_id: str) -> None:
-        """Removes the workers of an API token that is no longer valid, and ends their leases."""
+        """Removes the workers of an API token that is no longer valid, and ends their leases and their waiting."""
         for worker in [one for one in self._workers.values() if one.token_id == token_id]:
             del self._workers[worker.id], self._tokens[worker.token]
+            for given in [given for waiting, given in self._polls if waiting is worker]:
+                given.cancel()
             for lease in [self._leases[one] for one in worker.leases]:
                 self._lose(lease, End.WORKER_GONE, "the token of the worker is no longer valid")
+
+    def _refuse_dismissed(self, worker: Worker) -> None:
+        if worker.id not in self._workers:
+            raise UnauthorisedError("the token that this worker was registered with is no longer valid")
 
     def demand(self, agent: str, version: int) -> int:
         """Number of episodes of a submission that workers wait for."""
@@ -135,7 +141,9 @@ class LeaseBook:
 
         Raises:
             ConflictError: The worker holds as many episodes as its capacity.
+            UnauthorisedError: The worker was dismissed, be it while it waited.
         """
+        self._refuse_dismissed(worker)
         if len(worker.leases) + worker.polls >= worker.capacity:
             raise ConflictError(f"expected at most {worker.capacity} episodes at once, as the worker was registered")
         for episode in self._offers:
@@ -154,6 +162,7 @@ class LeaseBook:
             worker.seen = time.monotonic()
             if entry in self._polls:
                 self._polls.remove(entry)
+        self._refuse_dismissed(worker)
         if not given.done() or given.cancelled():
             return None
         lease: Lease = given.result()

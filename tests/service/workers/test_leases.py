@@ -90,8 +90,10 @@ def run(test: Awaitable[None]) -> None:
     asyncio.run(asyncio.wait_for(test, 120))  # type: ignore[arg-type]
 
 
-def hired(book: LeaseBook, agent: str = "mine", capacity: int = 1, version: int | None = None) -> Worker:
-    return book.register(agent, "owner", "tok-1", capacity, version)
+def hired(
+    book: LeaseBook, agent: str = "mine", capacity: int = 1, version: int | None = None, token_id: str = "tok-1"
+) -> Worker:
+    return book.register(agent, "owner", token_id, capacity, version)
 
 
 async def never() -> None:
@@ -307,6 +309,77 @@ def test_an_episode_given_to_a_worker_that_has_just_left_goes_to_the_next() -> N
         lease = await acquired(book, there)
         assert lease is not None
         assert lease.worker is there
+
+    run(test())
+
+
+def test_a_worker_without_a_valid_token_waits_no_longer_and_the_next_one_gets_the_episode() -> None:
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        revoked, good = hired(book, token_id="tok-revoked"), hired(book)
+        polls = [asyncio.create_task(acquired(book, one, 5.0)) for one in (revoked, good)]
+        await asyncio.sleep(0)
+        book.dismiss("tok-revoked")
+        one, process = episode()
+        book.expect(one)
+        process.show(0)
+        with pytest.raises(UnauthorisedError, match="no longer valid"):
+            await polls[0]
+        lease = await polls[1]
+        assert lease is not None
+        assert lease.worker is good
+
+    run(test())
+
+
+def test_a_worker_dismissed_after_its_token_was_checked_gets_no_episode() -> None:
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        one, process = episode()
+        book.expect(one)
+        process.show(0)
+        late, good = hired(book, token_id="tok-revoked"), hired(book)
+        book.dismiss("tok-revoked")
+        with pytest.raises(UnauthorisedError, match="no longer valid"):
+            await acquired(book, late)
+        assert await acquired(book, good) is not None
+
+    run(test())
+
+
+def test_an_episode_lost_in_the_moment_of_its_grant_is_neither_shown_nor_offered() -> None:
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        revoked, good = hired(book, token_id="tok-revoked"), hired(book)
+        left = asyncio.get_running_loop().create_future()
+        poll = asyncio.create_task(book.acquire(revoked, 5.0, left))
+        await asyncio.sleep(0)
+        one, process = episode()
+        book.expect(one)
+        process.show(0)
+        left.set_result(None)
+        book.dismiss("tok-revoked")
+        assert process.killed is not None
+        with pytest.raises(UnauthorisedError):
+            await poll
+        assert await acquired(book, good) is None
+
+    run(test())
+
+
+def test_three_returns_without_a_step_are_free_and_the_fourth_ends_the_attempt() -> None:
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        lease, process = await leased(book)
+        for _ in range(3):
+            book.release(lease, None, "not today")
+            assert process.killed is None
+            again = await acquired(book, lease.worker)
+            assert again is not None
+            lease = again
+        book.release(lease, None, "not today")
+        assert process.killed is not None
+        assert process.killed.end is End.GIVEN_BACK
 
     run(test())
 
