@@ -8,7 +8,7 @@ import secrets
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, delete, func, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.model import Role, Token
@@ -74,8 +74,21 @@ def list_tokens(
 
 def count_valid_tokens(session: Session, owner: str) -> int:
     """Number of an owner's tokens that are neither expired nor revoked."""
-    query = select(func.count()).select_from(Token).where(Token.owner == owner, Token.revoked.is_(None))
-    return session.scalar(query.where(Token.expires.is_(None) | (Token.expires > now()))) or 0
+    query = select(func.count()).select_from(Token).where(Token.owner == owner, _valid())
+    return session.scalar(query) or 0
+
+
+def forget_ended_tokens(session: Session, owner: str, kept: int) -> None:
+    """Deletes an owner's expired and revoked tokens, except those that ended last.
+
+    Args:
+        session: To write in.
+        owner: Owner of the tokens.
+        kept: Number of ended tokens that stay.
+    """
+    ended = func.coalesce(Token.revoked, Token.expires)
+    old = select(Token.id).where(Token.owner == owner, ~_valid()).order_by(ended.desc(), Token.id).offset(kept)
+    session.execute(delete(Token).where(Token.id.in_(old)))
 
 
 def revoke_token(session: Session, token_id: str) -> Token | None:
@@ -84,6 +97,11 @@ def revoke_token(session: Session, token_id: str) -> Token | None:
     if token is not None and token.revoked is None:
         token.revoked = now()
     return token
+
+
+def _valid() -> ColumnElement[bool]:
+    """Condition: the token is neither revoked nor expired; never NULL, so that it can be negated."""
+    return Token.revoked.is_(None) & (Token.expires.is_(None) | (Token.expires > now()))
 
 
 def _digest(secret: str) -> str:

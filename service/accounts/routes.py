@@ -27,6 +27,7 @@ Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9
 
 
 PER_OWNER = 50
+ENDED_PER_OWNER = 50  # tokens that are still listed after their end
 
 
 class TokenOrder(BaseModel):
@@ -46,7 +47,10 @@ class TokenOrder(BaseModel):
 
 @router.post("/tokens", status_code=201, responses=problems(403, 413, 507))
 def create_token(order: TokenOrder, caller: Holder, services: ServicesOf) -> NewToken:
-    """Creates a token; the answer holds its secret, which cannot be read again."""
+    """Creates a token; the answer holds its secret, which cannot be read again.
+
+    Of its owner's expired and revoked tokens the last 50 stay listed.
+    """
     owner = order.owner or caller.owner
     if not caller.owns(owner):
         raise ForbiddenError(f"expected your own name '{caller.owner}' as owner, got '{owner}'")
@@ -57,6 +61,7 @@ def create_token(order: TokenOrder, caller: Holder, services: ServicesOf) -> New
         if not caller.is_admin and tokens.count_valid_tokens(session, owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} valid tokens of one owner; revoke some", retry_s=3600)
         token, secret = tokens.create_token(session, owner, order.role, _lifetime(session, caller, order))
+        tokens.forget_ended_tokens(session, owner, ENDED_PER_OWNER)
     return NewToken(**view_token(token).model_dump(), token=secret)
 
 

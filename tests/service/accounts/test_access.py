@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 
 import pytest
 
+from dohyo.service.accounts import routes
 from dohyo.service.accounts.model import Role
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem
 
@@ -81,6 +82,27 @@ def test_an_owner_makes_lists_and_revokes_tokens_of_its_own(service: Harness) ->
     assert_problem(bob.delete(f"/v1/tokens/{made['id']}"), 404)
     assert ann.delete(f"/v1/tokens/{made['id']}").status_code == 204
     assert worker.get("/v1/me").status_code == 401
+
+
+def test_tokens_made_and_revoked_without_end_leave_no_more_rows_than_the_limits(
+    stored: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(routes, "ENDED_PER_OWNER", 3)
+    ann, bob = stored.caller("ann", Role.SUBMITTER), stored.caller("bob", Role.SUBMITTER)
+    of_bob = bob.post("/v1/tokens", {"role": "worker"}).json()["id"]
+    bob.delete(f"/v1/tokens/{of_bob}")
+    own = ann.get("/v1/me").json()["token"]
+    expired = Caller(stored.client, stored.token("ann", expires_in=timedelta(seconds=-1)))
+    revoked = []
+    for _ in range(6):
+        made = ann.post("/v1/tokens", {"role": "worker"}).json()
+        assert ann.delete(f"/v1/tokens/{made['id']}").status_code == 204
+        revoked.append((made["id"], Caller(stored.client, made["token"])))
+    last = ann.post("/v1/tokens", {"role": "worker"}).json()["id"]
+    listed = {one["id"] for one in ann.get("/v1/tokens").json()["items"]}
+    assert listed == {own, last, *(identifier for identifier, _ in revoked[-3:])}
+    assert {caller.get("/v1/me").status_code for caller in (expired, *(one for _, one in revoked))} == {401}
+    assert of_bob in {one["id"] for one in bob.get("/v1/tokens").json()["items"]}
 
 
 def test_administrators_make_and_list_tokens_of_all_owners(service: Harness) -> None:
