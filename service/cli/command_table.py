@@ -114,7 +114,9 @@ COMMANDS: dict[str, Command | Group] = {
             "resume": Command("remote:resume", "Queues lost and cancelled episodes again."),
         },
     ),
-    "leaderboard": Command("remote:leaderboard", "Shows a service's leaderboard of a benchmark."),
+    "leaderboard": Command(
+        "remote:leaderboard", "Shows a service's leaderboard, of a benchmark or of a phase of a challenge."
+    ),
     "tokens": Group(
         "Tokens of the service.",
         {

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from json import dumps
 from pathlib import Path
+from sys import maxsize
 from typing import Annotated, Any, Final, Literal
 
 import typer
@@ -22,7 +24,7 @@ from dohyo.evaluation.statistics import Estimate
 from dohyo.service.cli.commands.evaluate import parse_settings
 from dohyo.service.cli.output import DASH, SCORES, Json, console, interval, number, plain, print_json, print_rows
 from dohyo.service.cli.seeds import parse_seeds
-from dohyo.service.client.answers import EstimateView, EvaluationView, MetricsView
+from dohyo.service.client.answers import EstimateView, EvaluationView, LeaderboardView, MetricsView, RowView
 from dohyo.service.client.calls import Document
 from dohyo.service.client.client import Client
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -39,6 +41,7 @@ TITLES = (
     | {one.key: f"{one.title}, {one.unit}" for one in METRICS}
 )
 NOT_DONE = 1
+PAGE = 500  # places in one answer: the most that a service gives
 FIRST_BENCHMARK: Final[Mapping[Family, str]] = {
     Family.DRIVING: "quickstart",
     Family.PARKING: "parking-simple",
@@ -203,22 +206,32 @@ def resume(evaluation: Which, server: Server = LOCAL, token: Token = None, json:
 
 
 def leaderboard(
-    benchmark: Annotated[str, typer.Argument(help="Name, from `dohyo benchmarks list`.")],
+    benchmark: Annotated[
+        str | None, typer.Argument(help="Name, from `dohyo benchmarks list`; none beside --ranking.")
+    ] = None,
+    ranking: Annotated[
+        str | None, typer.Option(help="The board of this phase of a challenge, such as rk-9f86d081.")
+    ] = None,
     track: Annotated[str | None, typer.Option(help="Only agents of this track: sensors, map or privileged.")] = None,
+    most: Annotated[int | None, typer.Option(min=1, help="Largest number of places; default: all.")] = None,
     server: Server = LOCAL,
     token: Token = None,
     json: Json = False,
 ) -> None:
-    """Shows a service's leaderboard of a benchmark."""
+    """Shows a service's leaderboard, of a benchmark or of a phase of a challenge."""
+    if (benchmark is None) == (ranking is None):
+        raise InvalidInputError("leaderboard: expected one of BENCHMARK, --ranking ID")
     with Client(server, token) as client:
-        board = client.leaderboard(benchmark, track=track)
+        board = _board(partial(client.leaderboard, benchmark, track=track, ranking=ranking), most or maxsize)
     if json:
         print_json(board)
         return
     metric = board["metric"]
+    teams = any(row["team"] for row in board["rows"])
     rows = [
         (
             str(row["rank"] or DASH),
+            *([row["team"] or DASH] if teams else []),
             f"{row['agent']} v{row['version']}",
             row["track"],
             "verified" if row["verified"] else "remote",
@@ -229,12 +242,26 @@ def leaderboard(
         )
         for row in board["rows"]
     ]
-    print_rows(
-        ("#", "agent", "track", "agent is", TITLES.get(metric) or str(metric), "vs above", "drives", "runs"), rows
-    )
+    columns = ("agent", "track", "agent is", TITLES.get(metric) or str(metric), "vs above", "drives", "runs")
+    print_rows(("#", *(["team"] if teams else []), *columns), rows)
+    if len(rows) < board["total"]:
+        console.print(f"{len(rows)} of {board['total']} places", highlight=False)
     console.print(f"ranked by {board['description']}", highlight=False)
     if any(row["lost_too_many"] for row in board["rows"]):
         console.print("a run that lost more than a tenth of its drives has no rank", highlight=False)
+
+
+def _board(page: Callable[..., LeaderboardView], most: int) -> LeaderboardView:
+    """The first places of a board, from as many pages as they need."""
+    places: list[RowView] = []
+    after: str | None = None
+    while True:
+        board = page(limit=min(PAGE, most - len(places)), after=after)
+        places += board["rows"]
+        after = board["next"]
+        if after is None or len(places) >= most:
+            board["rows"] = places
+            return board
 
 
 def _watch(client: Client, evaluation: str, json: bool) -> None:
@@ -251,7 +278,8 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
     if json:
         print_json({"evaluation": state, "metrics": metrics})
     elif metrics is None:
-        console.print("the scores of single drives are secret until the ranking ends; see the leaderboard")
+        secret = "the scores of single drives are secret until the ranking ends; its board:"
+        console.print(f"{secret} dohyo leaderboard --ranking {state['ranking']}", soft_wrap=True)
     else:
         _print_scores(state, metrics)
     if state["status"] != "done":

@@ -11,12 +11,15 @@ from typing import Any
 import pytest
 
 from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.accounts.model import Role
+from dohyo.service.cli.commands import remote
 from dohyo.service.client import generate
 from dohyo.service.client.async_client import AsyncClient
 from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.service.challenges.driving import admit, complete, enter, make_challenge
 from tests.service.harness import Harness, finish
 from tests.service.policies import models
 from tests.service.serving import command
@@ -122,6 +125,33 @@ def test_an_evaluation_is_started_watched_and_ended_from_the_command_line(wired:
     with pytest.raises(InvalidInputError, match="holds results already"):
         cli(wired, "evaluations", "fetch", one, "--out", str(out))
     assert "ranked by driving score" in cli(wired, "leaderboard", "quickstart").stdout
+
+
+def test_the_board_of_a_phase_is_shown_from_its_first_place_to_its_last(
+    wired: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote, "PAGE", 2)
+    organiser = wired.caller("lab", Role.ORGANISER)
+    ranking = make_challenge(organiser, secret=True, draw_seeds=1)
+    for number in range(5):
+        owner = f"owner-{number}"
+        caller = admit(wired, organiser, owner, team=f"team-{number}")
+        caller.agent(f"agent-{number}")
+        run = enter(caller, f"agent-{number}", ranking)["id"]
+        complete(wired.services.database, run, 10.0 * number)
+    places = ("leaderboard", "--ranking", ranking)
+    whole, first = cli(wired, *places).stdout, cli(wired, *places, "--most", "3").stdout
+    assert re.findall(r"team-\d", whole) == [f"team-{number}" for number in (4, 3, 2, 1, 0)]
+    assert "places" not in whole
+    assert re.findall(r"team-\d", first) == ["team-4", "team-3", "team-2"]
+    assert "3 of 5 places" in first
+    board = json.loads(cli(wired, *places, "--json").stdout)
+    assert ([one["agent"] for one in board["rows"]][-1], board["total"], board["next"]) == ("agent-0", 5, None)
+    watched = cli(wired, "evaluations", "watch", run, owner="owner-4")
+    assert f"its board: dohyo leaderboard --ranking {ranking}" in watched.stdout
+    for wrong in ((), ("quickstart", "--ranking", ranking)):
+        with pytest.raises(InvalidInputError, match="expected one of BENCHMARK, --ranking ID"):
+            cli(wired, "leaderboard", *wrong)
 
 
 def test_nobody_there_is_one_line() -> None:
