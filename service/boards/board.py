@@ -32,6 +32,7 @@ def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: 
             "runs": runs.get(place.contender.entrant, 0),
             "thrown_away": thrown_away.get(place.contender.entrant, 0),
             "lost_too_many": place.contender.lost_too_many,
+            "unranked": place.unranked,
             "above": compare_places(place.contender, places[index - 1].contender) if index else None,
         }
         for index, place in enumerate(page, start)
@@ -43,7 +44,7 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
     query = (
         select(Result.facts, Evaluation.id, Evaluation.seeds, Evaluation.finished)
         .add_columns(Submission.id, Submission.version, Submission.kind, Submission.track)
-        .add_columns(Agent.name, Agent.owner, Team.name)
+        .add_columns(Agent.name, Agent.owner, Team.name, Evaluation.dohyo_versions)
         .join(Evaluation, Evaluation.id == Result.evaluation_id)
         .join(Submission, Submission.id == Evaluation.submission_id)
         .join(Agent, Agent.id == Submission.agent_id)
@@ -51,7 +52,8 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
         .where(Result.evaluation_id.in_(evaluation_ids))
     )
     found: dict[str, dict[str, Any]] = {}
-    for facts, one, seeds, finished, submission, version, kind, track, agent, owner, team in session.execute(query):
+    for facts, one, seeds, finished, *submitted, agent, owner, team, dohyo_versions in session.execute(query):
+        submission, version, kind, track = submitted
         found[one] = {
             "agent": agent,
             "version": version,
@@ -62,6 +64,7 @@ def _facts(session: Session, evaluation_ids: Sequence[str]) -> dict[str, dict[st
             "kind": kind.value,
             "verified": kind is not AgentKind.REMOTE,
             "track": track,
+            "dohyo_versions": dohyo_versions,
             "seeds": len(seeds),
             "episodes": facts["episodes"],
             "drives": facts["drives"],

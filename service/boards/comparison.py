@@ -100,6 +100,7 @@ def _side(entry: Entry) -> dict[str, Any]:
         "version": entry.version,
         "track": entry.track,
         "seeds": len(entry.seeds),
+        "dohyo_versions": list(entry.dohyo_versions),
         **summarise_drives(entry.drives, sum(entry.lost.values())),
     }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from dohyo.service.evaluations.scoring import (
     rates_per_km,
     scores_of,
 )
+from dohyo.service.evaluations.versions import EARLIER, newest, version_order
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 
 COLUMNS = ("driving_score", "route_completion", "infraction_penalty", "irs", "success", "nocrash_success")
@@ -30,6 +32,18 @@ OF_SOME = ("drove_2500m", *CLOSED_LOOP_SCORES, *MORNING_SCORES, *PARKING_SCORES,
 """Columns of benchmarks that rank by nuPlan's score or one of its terms, of mornings, parking lots and forecasts."""
 LOST_SHARE: Final = 0.1
 """Largest share of its drives that a run with a rank has lost: else the mean of a few drives would beat all others."""
+
+
+class Unranked(StrEnum):
+    """Why a place has no rank.
+
+    OTHER_VERSION: another version of dohyo drove it than the runs with a rank, or several versions did. LOST_TOO_MANY:
+    it lost more than `LOST_SHARE` of its drives. BASELINE: it is the organiser's, to compare with.
+    """
+
+    OTHER_VERSION = "other_version"
+    LOST_TOO_MANY = "lost_too_many"
+    BASELINE = "baseline"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +93,7 @@ class Entry:
         lost_egos: The same, by ego.
         gridlocked: Those of them that have a record, which is kept.
         others: Drivers of single egos of a mixed run, by ego.
+        dohyo_versions: Versions of dohyo that drove it.
     """
 
     evaluation: str
@@ -97,6 +112,7 @@ class Entry:
     lost_egos: Mapping[str, int] = field(default_factory=dict)
     gridlocked: tuple[Drive, ...] = ()
     others: Mapping[str, Driver] = field(default_factory=dict)
+    dohyo_versions: tuple[str, ...] = ()
 
     @property
     def driver(self) -> Driver:
@@ -134,6 +150,7 @@ class Contender:
         track: Which sensors its agent may use.
         score: Mean of the headline score.
         ordered: Time of the order.
+        dohyo_versions: Versions of dohyo that drove it.
         values: (drives,) headline scores, in the same order for every run of the ranking; NaN for a lost drive.
     """
 
@@ -143,6 +160,7 @@ class Contender:
     track: str
     score: float
     ordered: datetime
+    dohyo_versions: tuple[str, ...]
     values: FloatArray
 
     @property
@@ -152,12 +170,26 @@ class Contender:
 
     @property
     def lost_too_many(self) -> bool:
-        """Whether the run has no rank since it lost more than `LOST_SHARE` of its drives."""
+        """Whether the run lost more than `LOST_SHARE` of its drives."""
         return self.lost > LOST_SHARE * len(self.values)
 
+    @property
+    def version(self) -> str | None:
+        """The version of dohyo that drove all of it; None: there are several."""
+        return self.dohyo_versions[0] if len(self.dohyo_versions) == 1 else None
+
+    def unranked(self, version: str | None) -> Unranked | None:
+        """Why it has no rank on a board of this version of dohyo; None: it has one."""
+        if self.version is None or self.version != version:
+            return Unranked.OTHER_VERSION
+        if self.lost_too_many:
+            return Unranked.LOST_TOO_MANY
+        return Unranked.BASELINE if self.baseline else None
+
     def common(self, other: Contender) -> BoolArray:
-        """(drives,) which drives of two runs both count; none where the runs have not the same drives."""
-        if self.values.shape != other.values.shape:
+        """(drives,) which drives of two runs both count; none where the runs, or what drove them, are not the same."""
+        same_judge = self.version is not None and self.version == other.version
+        if not same_judge or self.values.shape != other.values.shape:
             return np.zeros(0, dtype=np.bool_)
         both: BoolArray = np.isfinite(self.values) & np.isfinite(other.values)
         return both
@@ -168,22 +200,33 @@ class Place:
     """A place on the leaderboard.
 
     Attributes:
-        rank: Shared by all that do not differ significantly from the best of the rank; None: a baseline, or a run that
-            lost too many drives.
+        rank: Shared by all that do not differ significantly from the best of the rank; None: see `unranked`.
+        unranked: Why it has no rank; None where it has one.
         contender: The run.
     """
 
     rank: int | None
+    unranked: Unranked | None
     contender: Contender
+
+
+def ranked_version(runs: Sequence[Contender]) -> str | None:
+    """The newest version of dohyo among the runs that may have a rank, else among all; None: each has several."""
+    pure = [run for run in runs if run.version is not None]
+    able = [run for run in pure if not (run.baseline or run.lost_too_many)]
+    return newest([run.dohyo_versions[0] for run in able or pure])
 
 
 def places_of(runs: Iterable[Contender]) -> list[Contender]:
     """The best run of each entrant, the highest score first; of equal scores, the earlier order.
 
-    Runs that lost too many drives are below all others, those with the fewest lost drives first.
+    Runs that lost too many drives are below all others, those with the fewest lost drives first; runs of other versions
+    of dohyo are below those, the newest first.
     """
     best: dict[str, Contender] = {}
-    for run in sorted(runs, key=_by_score):
+    runs = sorted(runs, key=_by_score)
+    version = ranked_version(runs)
+    for run in sorted(runs, key=lambda run: _newness(run, version), reverse=True):
         best.setdefault(run.entrant, run)
     return list(best.values())
 
@@ -201,14 +244,16 @@ class Ranks:
         """Places in the order of the contenders, which is that of `places_of`."""
         if len(self._lower) > _MOST_VERDICTS * (len(contenders) + 1):
             self._lower.clear()
-        ranked = [one for one in contenders if not (one.baseline or one.lost_too_many)]
+        version = ranked_version(contenders)
+        why = {one.evaluation: one.unranked(version) for one in contenders}
+        ranked = [one for one in contenders if why[one.evaluation] is None]
         ranks: dict[str, int] = {}
         start = 0
         while start < len(ranked):
             end = self._end_of_tie(ranked, start)
             ranks |= {one.evaluation: start + 1 for one in ranked[start:end]}
             start = end
-        return [Place(ranks.get(one.evaluation), one) for one in contenders]
+        return [Place(ranks.get(one.evaluation), why[one.evaluation], one) for one in contenders]
 
     def _end_of_tie(self, ranked: Sequence[Contender], start: int) -> int:
         """Index of the first contender after `start` that is significantly lower than it."""
@@ -263,14 +308,20 @@ def as_csv(rows: Sequence[Mapping[str, Any]], metric: str, family: Family) -> st
     """The leaderboard as CSV: a line per row of its document, each score with the ends of its interval."""
     columns = columns_of(metric, family)
     header = ["rank", "team", "agent", "version", "owner", "kind", "verified", "baseline", "track", "evaluation"]
-    header += ["runs", "thrown_away", "seeds", "drives", "lost", "lost_too_many"]
+    header += ["runs", "thrown_away", "seeds", "drives", "lost", "lost_too_many", "unranked"]
     lines: list[list[object]] = []
     for row in rows:
         ends = [row["scores"].get(name, {}).get(end) for name in columns for end in ("mean", "low", "high")]
         above = [row["above"]["verdict"], row["above"]["probability"]] if row["above"] else [None, None]
-        lines.append([*(row[name] for name in header), metric, *ends, *above])
+        dohyo = " ".join(row["dohyo_versions"])
+        lines.append([*(row[name] for name in header), dohyo, metric, *ends, *above])
     names = [f"{name}{end}" for name in columns for end in ("", "_low", "_high")]
-    return csv_text([*header, "metric", *names, "verdict_above", "probability_above"], lines)
+    return csv_text([*header, "dohyo_versions", "metric", *names, "verdict_above", "probability_above"], lines)
+
+
+def _newness(run: Contender, version: str | None) -> tuple[bool, bool, object]:
+    """Sorts runs of the ranked version above those of others, of which the newest come first, and above mixed ones."""
+    return run.version == version, run.version is not None, version_order(run.version or EARLIER)
 
 
 def _by_score(run: Contender) -> tuple[int, float, datetime, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -37,11 +38,34 @@ def recorded_episodes(session: Session, evaluation_id: str) -> list[Episode]:
     return list(session.scalars(query.where(Episode.record_hash.is_not(None)).order_by(Episode.position)))
 
 
-def first_orders(session: Session, ranking_id: str) -> dict[str, datetime]:
-    """Time of the first order of each team, else each submission, of a ranking, whatever became of that run."""
+@dataclass(frozen=True, slots=True)
+class Ordered:
+    """A run that was ordered, whatever became of it.
+
+    Attributes:
+        at: Time of the order.
+        dohyo_versions: Versions of dohyo that have driven some of it.
+    """
+
+    at: datetime
+    dohyo_versions: frozenset[str]
+
+    def comes_before(self, other: Ordered) -> bool:
+        """Whether it was ordered first, and no version of dohyo has driven it that did not drive the other, too.
+
+        After an upgrade the runs of before can have no rank, so that the first order of those that follow counts.
+        """
+        return self.at < other.at and self.dohyo_versions <= other.dohyo_versions
+
+
+def orders_by_runner(session: Session, ranking_id: str) -> dict[str, list[Ordered]]:
+    """All runs of a ranking by the team, else the submission, that they were ordered for."""
     runner = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
-    query = select(runner, func.min(Evaluation.created)).where(Evaluation.ranking_id == ranking_id).group_by(runner)
-    return {row[0]: row[1] for row in session.execute(query)}
+    query = select(runner, Evaluation.created, Evaluation.dohyo_versions).where(Evaluation.ranking_id == ranking_id)
+    found: dict[str, list[Ordered]] = {}
+    for one, at, versions in session.execute(query):
+        found.setdefault(one, []).append(Ordered(at, frozenset(versions)))
+    return found
 
 
 def benchmark_versions(session: Session, name: str) -> list[BenchmarkVersion]:
@@ -83,7 +107,7 @@ def _is_mixed() -> ColumnElement[bool]:
 def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]:
     """Evaluations by id, with finished drives and the number of lost ones; unknown ids give no entry."""
     query = (
-        select(Evaluation.id, Evaluation.seeds, Evaluation.finished, Agent.owner)
+        select(Evaluation.id, Evaluation.seeds, Evaluation.finished, Evaluation.dohyo_versions, Agent.owner)
         .add_columns(Submission.id, Submission.version, Submission.kind, Submission.track, Agent.name)
         .add_columns(BenchmarkVersion.name, BenchmarkVersion.sha256)
         .select_from(Evaluation)
@@ -96,9 +120,8 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
     lost = _lost_drives(session, evaluation_ids, gridlocked)
     others = _others(session, evaluation_ids)
     found: dict[str, Entry] = {}
-    for one, seeds, finished, owner, submission, version, kind, track, agent, benchmark, sha256 in session.execute(
-        query
-    ):
+    for one, seeds, finished, dohyo_versions, owner, *submitted, benchmark, sha256 in session.execute(query):
+        submission, version, kind, track, agent = submitted
         found[one] = Entry(
             evaluation=one,
             submission=submission,
@@ -116,6 +139,7 @@ def entries(session: Session, evaluation_ids: Sequence[str]) -> dict[str, Entry]
             lost_egos=sum(lost.get(one, {}).values(), Counter[str]()),
             gridlocked=tuple(gridlocked.get(one, ())),
             others=others.get(one, {}),
+            dohyo_versions=tuple(dohyo_versions),
         )
     return found
 

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from dohyo.service.boards.leaderboard import Contender, Place, Ranks, places_of
 from dohyo.service.boards.model import Counts, Ranking, Result
-from dohyo.service.boards.queries import first_orders
+from dohyo.service.boards.queries import Ordered, orders_by_runner
 from dohyo.service.boards.results import is_behind, store_results
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Evaluation
@@ -133,18 +133,19 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
     known = set(session.scalars(select(Result.evaluation_id).where(mine)))
     standing.runs = {one: run for one, run in standing.runs.items() if one in known}
     needed = (Result.evaluation_id, Result.entrant, Result.track, Result.score, Result.ordered, Result.facts["values"])
-    new = select(*needed, Evaluation.team_id, Submission.agent_id).where(mine)
+    new = select(*needed, Evaluation.team_id, Submission.agent_id, Evaluation.dohyo_versions).where(mine)
     new = new.join(Evaluation, Evaluation.id == Result.evaluation_id)
     new = new.join(Submission, Submission.id == Evaluation.submission_id)
     if standing.runs:
         new = new.where(Result.evaluation_id.in_(known - standing.runs.keys()))
     # A run that was ordered first and cancelled leaves its place empty: nobody must choose among runs.
-    first = first_orders(session, ranking.id) if ranking.counts is Counts.FIRST else {}
+    orders = orders_by_runner(session, ranking.id) if ranking.counts is Counts.FIRST else {}
     is_open = ranking.challenge_id is None
-    for run, runner, track, score, ordered, values, team, agent in session.execute(new):
-        if values and ordered == first.get(runner, ordered):
+    for run, runner, track, score, ordered, values, team, agent, versions in session.execute(new):
+        own = Ordered(ordered, frozenset(versions))
+        if values and not any(one.comes_before(own) for one in orders.get(runner, ())):
             entrant, baseline = agent if is_open else runner, not is_open and team is None
             array = np.array(values, dtype=np.float64)  # None becomes NaN
-            standing.runs[run] = Contender(run, entrant, baseline, track, score, ordered, array)
+            standing.runs[run] = Contender(run, entrant, baseline, track, score, ordered, tuple(versions), array)
     standing.state = state
     standing.places = Recent(20)

@@ -7,8 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from dohyo.service.boards.leaderboard import Unranked
 from dohyo.service.boards.ranking_views import RankingView
 from dohyo.service.evaluations.metrics_views import EstimateView, SummaryView
+from dohyo.service.evaluations.views import DohyoVersions
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.web.views import Version, View
 
@@ -32,9 +34,14 @@ class RowView(View):
 
     rank: Annotated[
         int | None,
+        Field(description="Shared by entries that do not differ significantly from its best; null: see `unranked`."),
+    ]
+    unranked: Annotated[
+        Unranked | None,
         Field(
-            description="Shared by entries that do not differ significantly from its best; null: a baseline, or a run "
-            "that lost too many drives."
+            description="Why it has no rank; null where it has one. other_version: another version of dohyo drove it "
+            "than the runs with a rank, or several did; lost_too_many: it lost more than a tenth of its drives; "
+            "baseline: it is the organiser's."
         ),
     ]
     baseline: Annotated[bool, Field(description="Whether it is the organiser's, to compare with, without a rank.")]
@@ -53,6 +60,7 @@ class RowView(View):
         ),
     ]
     track: Annotated[str, Field(description="Which sensors the agent may use.")]
+    dohyo_versions: DohyoVersions
     runs: Annotated[
         int, Field(description="Ranked runs of the entrant that were ordered, also failed and cancelled ones.")
     ]
@@ -62,14 +70,17 @@ class RowView(View):
     drives: Annotated[int, Field(description="Number of drives that count.")]
     lost: Annotated[int, Field(description="Drives lost to gridlocks, which are in no score.")]
     lost_too_many: Annotated[
-        bool, Field(description="Whether it lost more than a tenth of its drives, and so has no rank.")
+        bool, Field(description="Whether it lost more than a tenth of its drives. Such a run has no rank.")
     ]
     finished: Annotated[datetime | None, Field(description="End of the run.")]
     scores: Annotated[dict[str, EstimateView], Field(description="Scores with intervals, by name.")]
     per_km: Annotated[dict[str, float], Field(description="Infractions per km; kinds that never happened left out.")]
     above: Annotated[
         ComparisonView | None,
-        Field(description="This row against the one above, above 0 where it is better; null for the first."),
+        Field(
+            description="This row against the one above, above 0 where it is better; null for the first, and where the "
+            "two have no drive by the same version of dohyo in common."
+        ),
     ]
 
 
@@ -97,6 +108,7 @@ class SideView(SummaryView):
     version: Annotated[int, Field(description="Version of the agent.")]
     track: Annotated[str, Field(description="Which sensors the agent may use.")]
     seeds: Annotated[int, Field(description="Number of seeds.")]
+    dohyo_versions: DohyoVersions
 
 
 class PairView(View):

@@ -10,12 +10,14 @@ from sqlalchemy.orm import Session
 
 from dohyo.service.benchmarks.catalog import read_benchmark
 from dohyo.service.boards.board import rows_of
+from dohyo.service.boards.leaderboard import Unranked
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.model import Challenge, Member
 from dohyo.service.database.base import new_id, now
 from dohyo.service.database.engine import Database, serialise
 from dohyo.service.evaluations.model import BenchmarkVersion
+from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.state import Services
 from dohyo.service.webhooks.model import Delivery, Webhook
 
@@ -47,7 +49,14 @@ def final_rows(database: Database, standings: Standings, ranking: Ranking, headl
                 _announce(session, ranking, len(rows))
                 logger.info("phase %s is final with %d places", ranking.id, len(rows))
     stored: list[dict[str, Any]] = (ranking.final or {})["rows"]
-    return [{"lost": 0, "lost_too_many": False, **row} for row in stored]  # boards of before did not tell
+    return [_told(row) for row in stored]
+
+
+def _told(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a stored board, with what boards of before did not tell."""
+    row = {"lost": 0, "lost_too_many": False, "dohyo_versions": [EARLIER], **row}
+    reasons = [why for why in (Unranked.LOST_TOO_MANY, Unranked.BASELINE) if row[why]]
+    return {"unranked": reasons[0] if reasons else None, **row}
 
 
 def close_ended(services: Services) -> None:

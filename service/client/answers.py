@@ -159,6 +159,7 @@ class EvaluationView(TypedDict):
     egos: dict[str, DriverView]
     benchmark: str
     benchmark_version: str
+    dohyo_versions: list[str]
     ranking: str | None
     seeds: list[int] | None
     slow_policy: str
@@ -263,6 +264,7 @@ class RowView(TypedDict):
     """A place on the leaderboard: the run of a team (in an open ranking: of an agent) that counts."""
 
     rank: int | None
+    unranked: Unranked | None
     baseline: bool
     team: str | None
     agent: str
@@ -273,6 +275,7 @@ class RowView(TypedDict):
     kind: AgentKind
     verified: bool
     track: str
+    dohyo_versions: list[str]
     runs: int
     thrown_away: int
     seeds: int
@@ -315,6 +318,7 @@ class SideView(TypedDict):
     version: int
     track: str
     seeds: int
+    dohyo_versions: list[str]
 
 
 class SubmissionView(TypedDict):
@@ -390,6 +394,9 @@ EpisodeStatus = Literal["queued", "running", "done", "lost", "cancelled"]
 
 
 EvaluationStatus = Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+Unranked = Literal["other_version", "lost_too_many", "baseline"]
 
 
 WorldStatus = Literal["waiting", "running", "paused", "over", "done", "ended", "failed"]

@@ -8,7 +8,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint, text
+from sqlalchemy import JSON, BigInteger, ForeignKey, Index, String, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from dohyo.evaluation.benchmarks.documents import family_of
@@ -91,6 +91,8 @@ class Evaluation(Base):
     the team that the run was ordered for, in a phase of a challenge. A run with `egos` is *mixed*: other submissions
     drive them, and the evaluation's own drives all other egos.
 
+    `dohyo_versions` are those that drove its episodes, in the order of their first record: usually one.
+
     The seeds of remote agents follow from `agent_secret`, which no answer shows. `failure` says why the run failed, or
     why one that is done has no score.
     """
@@ -113,6 +115,8 @@ class Evaluation(Base):
     started: Mapped[datetime | None]
     finished: Mapped[datetime | None]
     announced: Mapped[datetime | None]
+    # Nullable, since SQLite adds no column without a default that must have a value; the migration fills it.
+    dohyo_versions: Mapped[list[str]] = mapped_column(JSON, default=list, nullable=True)
     agent_secret: Mapped[str] = mapped_column(String(64), default=lambda: secrets.token_hex(32))
     submission: Mapped[Submission] = relationship(lazy="joined")
     benchmark: Mapped[BenchmarkVersion] = relationship()

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -168,7 +169,7 @@ def summary_of(
         `marks` (each infraction's kind, time and place, of a collision also `at_fault`), metres and seconds,
         `closed_loop` where it has that score, by the names in `CLOSED_LOOP_SCORES`, `hits`: its collisions by other
         ego, where there are some; `decision_ms`: the slowest ego's p50, p95, p99, None where the record has no timing;
-        `wall_s`.
+        `wall_s`; `dohyo`: version of dohyo that drove it.
 
     Raises:
         InvalidInputError: If a number of the record is not finite.
@@ -183,6 +184,7 @@ def summary_of(
         ],
         "decision_ms": [*max(decisions, key=lambda one: one[2])] if decisions else None,
         "wall_s": timing.wall_s if timing else None,
+        "dohyo": record.versions.dohyo,
     }
 
 
@@ -213,7 +215,8 @@ def _summary_without_drives(
         **dict.fromkeys(("km", "route_m", "driven_m"), 0.0),
         "duration_s": duration_s,
     }
-    return {"egos": [agent], "decision_ms": None, "wall_s": record.wall_s}
+    # Such a record does not say which version drove it; it is summarised when it is made.
+    return {"egos": [agent], "decision_ms": None, "wall_s": record.wall_s, "dohyo": version("dohyo")}
 
 
 def summary_of_lot(record: ParkingRecord) -> dict[str, Any]:
@@ -230,7 +233,7 @@ def summary_of_lot(record: ParkingRecord) -> dict[str, Any]:
         "driven_m": math.fsum(one.driven_m for one in record.karts),
         "duration_s": max(one.time_s for one in record.karts),
     }
-    return {"egos": [lot], "decision_ms": None, "wall_s": None}
+    return {"egos": [lot], "decision_ms": None, "wall_s": None, "dohyo": record.version}
 
 
 def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:

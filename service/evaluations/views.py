@@ -12,6 +12,15 @@ from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, Evaluatio
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.web.views import Moment, Version, View
 
+DohyoVersions = Annotated[
+    list[str],
+    Field(
+        description="Versions of dohyo that drove its episodes, usually one; `earlier` stands for those of before the "
+        "service noted them.",
+        examples=[["0.2.0"]],
+    ),
+]
+
 
 class Progress(View):
     """Numbers of an evaluation's episodes by status."""
@@ -49,6 +58,7 @@ class EvaluationView(View):
     ]
     benchmark: Annotated[str, Field(description="Name of the benchmark.")]
     benchmark_version: Version
+    dohyo_versions: DohyoVersions
     ranking: Annotated[str | None, Field(description="Ranking that the run enters; null: a practice run.")]
     seeds: Annotated[list[int] | None, Field(description="Driven seeds; null where they are withheld.")]
     slow_policy: Annotated[str, Field(description="Whether the simulation waits for a remote agent.")]
@@ -108,6 +118,7 @@ def view_evaluation(
         egos=view_egos(evaluation),
         benchmark=benchmark,
         benchmark_version=evaluation.benchmark_sha256,
+        dohyo_versions=evaluation.dohyo_versions,
         ranking=evaluation.ranking_id,
         seeds=evaluation.seeds if told else None,
         slow_policy=evaluation.slow_policy,

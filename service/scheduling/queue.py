@@ -25,6 +25,7 @@ from dohyo.service.evaluations.model import (
     EvaluationStatus,
     is_lost,
 )
+from dohyo.service.evaluations.versions import note_version
 from dohyo.service.running.order import agent_seed
 from dohyo.service.scheduling import attempts
 from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd
@@ -201,7 +202,9 @@ def finish(
     if not changed:
         return None
     attempts.end(session, ticket.episode_id, ended)
-    return _settle(session, ticket.evaluation_id)
+    progress = _settle(session, ticket.evaluation_id)
+    note_version(session, ticket.evaluation_id, summary)
+    return progress
 
 
 def give_up(session: Session, ticket: Ticket, ended: AttemptEnd, most_deaths: int) -> tuple[Next, Progress | None]:

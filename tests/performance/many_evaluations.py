@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import timedelta
+from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
@@ -110,6 +111,7 @@ class ManyEvaluations:
             "started": moment,
             "finished": moment + timedelta(minutes=5),
             "announced": moment + timedelta(minutes=5),
+            "dohyo_versions": [version("dohyo")],
         }
 
     def _egos(self, number: int) -> list[dict[str, str]]:

@@ -157,6 +157,7 @@ class Shop:
                     act_deadline_s=10.0,
                     finished=now() if status.finished else None,
                     ranking_id=open_ranking_id(benchmark) if ranked else None,
+                    dohyo_versions=sorted({record.versions.dohyo for record in records}),
                     **rest,
                 )
             )

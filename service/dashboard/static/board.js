@@ -3,7 +3,7 @@
 import { get } from "./api.js";
 import { h } from "./dom.js";
 import { agentName, estimateCells, missing, scale, verdict, whisker } from "./estimate.js";
-import { moment, number } from "./format.js";
+import { moment, number, softwareText } from "./format.js";
 import { hasInfractions, scoreOf, shown } from "./scores.js";
 import { label, words } from "./words.js";
 
@@ -14,6 +14,13 @@ const MOST = 500; // places, as many as the service answers at once
  * @param {URLSearchParams} asked the benchmark or the ranking
  */
 export const readBoard = (asked) => get(`/v1/leaderboard?${new URLSearchParams([...asked, ["limit", MOST]])}`);
+
+/** What a page says of the version of dohyo whose runs have ranks; nothing where all rows are of one. */
+export function versionText(rows) {
+  const ranked = rows.find((row) => row.rank !== null);
+  const several = new Set(rows.map(softwareText)).size > 1;
+  return !several || !ranked ? "" : `Ranks compare the runs driven with ${softwareText(ranked)}, since another version may simulate and judge otherwise. `;
+}
 
 /** What a page says of a board with more places than it shows. */
 export const partText = ({ rows, total }) =>
@@ -38,7 +45,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
       key: "agent",
       sort: (row) => row.team ?? row.agent,
       cell: (row) => who(row, colour),
-      csv: (row) => ({ rank: row.rank, team: row.team, agent: row.agent, version: row.version, track: row.track }),
+      csv: (row) => ({ rank: row.rank, team: row.team, agent: row.agent, version: row.version, track: row.track, dohyo: row.dohyo_versions.join(" ") }),
     },
     { title: "run by", key: "verified", css: "verified", choice: true, sort: by, cell: verified, csv: by },
     ...measured.map(score),
@@ -56,7 +63,7 @@ export function columnsOf(rows, headline, colour, measures = 4) {
       cell: (row) =>
         row.above
           ? verdict(row.above, `A: ${row.agent}, B: the row above`, "better")
-          : missing("no row above has the same drives"),
+          : missing("no row above has the same drives by the same version of dohyo"),
       csv: (row) => ({ verdict: row.above?.verdict, probability: row.above?.probability }),
     },
     { title: "runs", numeric: true, cell: attempts, csv: (row) => ({ runs: row.runs, thrown_away: row.thrown_away }) },
@@ -75,28 +82,31 @@ export function columnsOf(rows, headline, colour, measures = 4) {
 }
 
 function who(row, colour) {
+  const why = unranked(row);
   const facts = [`v${row.version}`, row.kind, row.track, `${row.seeds} ${row.seeds === 1 ? "seed" : "seeds"}`];
   return h(
     "div",
     { class: "ranked" },
-    h("span", { class: "rank-number number", title: unranked(row) }, String(row.rank ?? "–")),
+    h("span", { class: "rank-number number", title: why && `no rank: ${why}` }, String(row.rank ?? "–")),
     h(
       "div",
       {},
       row.team && h("div", { class: "team" }, row.team),
       agentName(row.agent, colour[row.agent]),
       row.baseline && h("span", { class: "quiet small plain" }, " baseline"),
-      row.lost_too_many && h("span", { class: "quiet small plain" }, " no rank: lost more than a tenth of its drives"),
+      why && row.unranked !== "baseline" && h("span", { class: "quiet small plain" }, ` no rank: ${why}`),
       h("div", { class: "quiet small plain" }, facts.join(" · ")),
     ),
   );
 }
 
 /** Why a row has no rank; null for one that has. */
-function unranked(row) {
-  if (row.baseline) return "a baseline has no rank";
-  return row.lost_too_many ? "a run that lost more than a tenth of its drives has no rank" : null;
-}
+const unranked = (row) =>
+  ({
+    other_version: `driven with ${softwareText(row)}`,
+    lost_too_many: "lost more than a tenth of its drives",
+    baseline: "a baseline",
+  })[row.unranked] ?? null;
 
 const by = (row) => (row.verified ? "service" : "remote");
 

@@ -49,5 +49,9 @@ export function moment(iso) {
   return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${two(at.getHours())}:${two(at.getMinutes())}`;
 }
 
+/** The versions of dohyo that drove a run, such as `dohyo 0.1.0 and dohyo 0.2.0`. */
+export const softwareText = ({ dohyo_versions: versions }) =>
+  versions.map((one) => (one === "earlier" ? "an earlier dohyo" : `dohyo ${one}`)).join(" and ");
+
 /** The first characters of a hash, enough to distinguish versions. */
 export const short = (hash) => (hash ? hash.slice(0, 8) : MISSING);

@@ -41,6 +41,7 @@ def contenders(entries: list[Entry], metric: str = "driving_score") -> list[Cont
             track=one.track,
             score=one.scores[metric].mean or 0.0,
             ordered=datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=number),
+            dohyo_versions=one.dohyo_versions,
             values=np.array(facts_of(one, metric)["values"], dtype=np.float64),
         )
         for number, one in enumerate(entries)
@@ -196,11 +197,11 @@ def test_csv_parses_back() -> None:
 
 def row(one: Entry, index: int) -> dict[str, Any]:
     """A row of a board, as its route makes it."""
-    names = ("agent", "version", "owner", "kind", "track", "evaluation")
+    names = ("agent", "version", "owner", "kind", "track", "evaluation", "dohyo_versions")
     above = {"verdict": "<", "probability": 0.0} if index else None
     plain = {name: getattr(one, name) for name in names} | facts_of(one, "driving_score")
     return plain | {"rank": 1, "team": None, "verified": True, "baseline": False, "runs": 1, "thrown_away": 0,
-                    "seeds": 1, "lost_too_many": False, "above": above}  # fmt: skip
+                    "seeds": 1, "lost_too_many": False, "unranked": None, "above": above}  # fmt: skip
 
 
 def test_an_empty_leaderboard_is_empty() -> None:

@@ -21,6 +21,7 @@ from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.closing import final_rows
 from dohyo.service.evaluations.model import AttemptOutcome
 from dohyo.service.evaluations.scoring import summary_of
+from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.scheduling import queue
 from dohyo.service.scheduling.attempts import AttemptEnd
 from dohyo.service.scheduling.queue import NO_SCORE
@@ -172,10 +173,12 @@ def test_a_final_board_tells_of_lost_drives_and_one_of_before_of_none(service: H
     with service.services.database.session() as session:
         one = session.scalars(select(Ranking).where(Ranking.id == ranking)).one()
         assert one.final is not None
-        of_now = ("lost", "lost_too_many")
+        of_now = ("lost", "lost_too_many", "unranked", "dohyo_versions")
         rows = [{key: value for key, value in row.items() if key not in of_now} for row in one.final["rows"]]
         one.final = one.final | {"rows": rows}
-    assert [(row["lost"], row["lost_too_many"]) for row in rows_at_the_end(service, ranking)] == [(0, False)]
+    (row,) = rows_at_the_end(service, ranking)
+    assert (row["lost"], row["lost_too_many"], row["unranked"]) == (0, False, None)
+    assert row["dohyo_versions"] == [EARLIER]
 
 
 def rows_at_the_end(service: Harness, ranking: str) -> list[dict[str, Any]]:

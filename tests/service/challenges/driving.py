@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime, timedelta
+from importlib.metadata import version
 from typing import Any
 
 from sqlalchemy import select, update
@@ -13,6 +14,7 @@ from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from tests.service.harness import Caller, Harness
 
+VERSION = version("dohyo")
 FACTS = {"name": "ego", "status": "completed", "success": True, "nocrash": True, "rc": 100.0, "road": 100.0}
 FACTS |= {
     "infractions": {"red_light": 1},
@@ -21,14 +23,21 @@ FACTS |= {
 FACTS |= {"km": 1.0, "route_m": 1000.0, "driven_m": 1000.0, "duration_s": 100.0, "drove": False}
 
 
-def complete(database: Database, evaluation_id: str, score: float, *, finished: datetime | None = None) -> None:
-    """Ends an evaluation with the same driving score in all its episodes."""
+def complete(
+    database: Database,
+    evaluation_id: str,
+    score: float,
+    *,
+    finished: datetime | None = None,
+    dohyo: tuple[str, ...] = (VERSION,),
+) -> None:
+    """Ends an evaluation with the same driving score in all its episodes, driven with these versions of dohyo."""
     facts: dict[str, Any] = FACTS | {"ds": score, "ip": score / 100.0, "irs": score}
     with database.session() as session:
         for one in session.scalars(select(Episode).where(Episode.evaluation_id == evaluation_id)):
             one.status, one.record_hash = EpisodeStatus.DONE, f"{one.position:064x}"
             one.summary = {"egos": [facts], "decision_ms": None, "wall_s": 1.0}
-        values = {"status": EvaluationStatus.DONE, "finished": finished or now()}
+        values = {"status": EvaluationStatus.DONE, "finished": finished or now(), "dohyo_versions": list(dohyo)}
         session.execute(update(Evaluation).where(Evaluation.id == evaluation_id).values(values))
 
 

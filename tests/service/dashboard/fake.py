@@ -125,6 +125,7 @@ class Fake:
             f"ev-{name}", f"su-{name}", agent, int(version or 1), "lab", "builtin",
             "map" if agent == "autopilot" else "privileged", "quickstart", VERSION, (0, 1), WHEN, self.drives(agent),
             Counter(self.lost) + Counter(drive.cell for drive in gridlocked), gridlocked=gridlocked,
+            dohyo_versions=("0.2.0",),
         )  # fmt: skip
 
     def evaluation(self, name: str) -> EvaluationView:
@@ -136,7 +137,7 @@ class Fake:
         return EvaluationView(
             id=name, owner="lab", agent=agent, version=int(version or 1), kind=entry.kind, track=entry.track,
             benchmark="quickstart", benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0,
-            ranking="rk-0", withheld=False, egos={},
+            ranking="rk-0", withheld=False, egos={}, dohyo_versions=["0.2.0"],
             status="running" if live and self.queued else "done", failure=None,
             progress={"total": len(rows)} | Counter(row.status.value for row in rows),
             created=WHEN, started=WHEN, finished=None if live else WHEN + timedelta(minutes=3),
@@ -174,6 +175,7 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
     contenders = [
         Contender(
             evaluation=one.evaluation, entrant=one.submission, baseline=False, track=one.track, ordered=WHEN,
+            dohyo_versions=one.dohyo_versions,
             score=one.scores[metric].mean or 0.0,
             values=np.array(facts[one.evaluation]["values"], dtype=np.float64),
         ) for one in entries
@@ -183,12 +185,12 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
     rows: list[dict[str, Any]] = []
     for index, place in enumerate(places):
         one = by_id[place.contender.evaluation]
-        same = ("agent", "version", "submission", "evaluation", "owner", "kind", "track", "finished")
+        same = ("agent", "version", "submission", "evaluation", "owner", "kind", "track", "finished", "dohyo_versions")
         rows.append(
             {name: getattr(one, name) for name in same}
             | {name: facts[one.evaluation][name] for name in ("scores", "per_km", "episodes", "drives", "lost")}
             | {"rank": place.rank, "baseline": False, "team": None, "verified": True, "runs": 1, "thrown_away": 0}
-            | {"seeds": len(one.seeds), "lost_too_many": place.contender.lost_too_many}
+            | {"seeds": len(one.seeds), "lost_too_many": place.contender.lost_too_many, "unranked": place.unranked}
             | {"above": compare_places(place.contender, places[index - 1].contender) if index else None}
         )
     return rows

@@ -51,12 +51,12 @@ def answers() -> dict[str, Any]:
     evaluation = EvaluationView(
         id="ev-days", owner="lab", agent="mine", version=1, kind="remote", track="sensors", benchmark="forecast-hard",
         benchmark_version=VERSION, seeds=[1], slow_policy="wait", act_deadline_s=10.0, ranking=None, withheld=False,
-        status="done", failure=None, egos={}, progress={"total": 4, "done": 4}, created=WHEN, started=WHEN,
-        finished=WHEN,
+        status="done", failure=None, egos={}, dohyo_versions=["0.2.0"], progress={"total": 4, "done": 4}, created=WHEN,
+        started=WHEN, finished=WHEN,
     )  # fmt: skip
     board = {
         "benchmark": "forecast-hard", "version": VERSION, "versions": [VERSION], "metric": "mse",
-        "description": HARD.metric, "rows": board_rows([Entry(*run)], "mse"),
+        "description": HARD.metric, "rows": board_rows([Entry(*run, dohyo_versions=("0.2.0",))], "mse"),
     }  # fmt: skip
     return {
         "benchmarks": [{"name": "forecast-hard", "kind": "forecasting", "description": HARD.description, "egos": []}],

@@ -56,8 +56,8 @@ def answers() -> dict[str, Any]:
     evaluation = EvaluationView(
         id="ev-lots", owner="lab", agent="greedy", version=1, kind="remote", track="sensors", benchmark="parking-three",
         benchmark_version=VERSION, seeds=[0, 1], slow_policy="wait", act_deadline_s=10.0, ranking=None, withheld=False,
-        status="done", failure=None, egos={}, progress={"total": 6, "done": 6}, created=WHEN, started=WHEN,
-        finished=WHEN,
+        status="done", failure=None, egos={}, dohyo_versions=["0.2.0"], progress={"total": 6, "done": 6}, created=WHEN,
+        started=WHEN, finished=WHEN,
     )  # fmt: skip
     told = {
         "evaluations/ev-lots": evaluation.model_dump(mode="json"),

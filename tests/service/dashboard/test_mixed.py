@@ -36,8 +36,8 @@ def answers() -> dict[str, Any]:
     evaluation = EvaluationView(
         id="ev-mixed", owner="lab", agent="autopilot", version=1, kind="builtin", track="privileged", benchmark="fleet",
         egos={"east": OTHER}, benchmark_version=VERSION, seeds=[0], slow_policy="wait", act_deadline_s=10.0,
-        ranking=None, withheld=False, status="done", failure=None, progress={"total": 1, "done": 1}, created=WHEN,
-        started=WHEN, finished=WHEN,
+        ranking=None, withheld=False, dohyo_versions=["0.2.0"], status="done", failure=None,
+        progress={"total": 1, "done": 1}, created=WHEN, started=WHEN, finished=WHEN,
     )  # fmt: skip
     driven = EpisodeView(
         id="ep-1", evaluation="ev-mixed", position=0, scenario="junction", cell="town", seed=0, status="done",

@@ -147,7 +147,7 @@ def test_a_run_without_a_rank_says_why(visit: Visitor) -> None:
 
     def unranked(route: Route) -> None:
         document = route.fetch().json()
-        document["rows"][-1] |= {"rank": None, "lost_too_many": True, "lost": 11}
+        document["rows"][-1] |= {"rank": None, "unranked": "lost_too_many", "lost_too_many": True, "lost": 11}
         route.fulfill(json=document)
 
     one.page.route("**/v1/leaderboard?*", unranked)

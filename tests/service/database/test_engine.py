@@ -4,6 +4,7 @@ import multiprocessing
 import sqlite3
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 from alembic import command
@@ -12,11 +13,14 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import inspect, select, text
 from sqlalchemy.exc import IntegrityError, OperationalError
+from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.model import Role, Token
 from dohyo.service.accounts.queries import create_token
 from dohyo.service.database.base import Base
 from dohyo.service.database.engine import MIGRATIONS, Database
+from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
+from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.submissions.model import Agent, Submission
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -65,6 +69,33 @@ def test_migrations_can_be_taken_back(database: Database) -> None:
     assert inspect(database.engine).get_table_names() == ["alembic_version"]
 
 
+def _add_evaluation(session: Session, name: str, episodes: EpisodeStatus) -> None:
+    rest: dict[str, Any] = {"owner": "o", "submission_id": "s", "benchmark_sha256": "b", "act_deadline_s": 1.0}
+    session.add(Evaluation(id=name, seeds=[0], **rest))
+    session.flush()
+    session.add(Episode(id=name, evaluation_id=name, position=0, scenario="s", cell="c", seed=0, status=episodes))
+
+
+def test_evaluations_of_before_were_driven_by_an_earlier_version_if_at_all(database: Database) -> None:
+    with database.session() as session:
+        session.add_all([Agent(id="a", name="a", owner="o"), BenchmarkVersion(sha256="b", name="b", document={})])
+        session.flush()
+        session.add(Submission(id="s", agent_id="a", version=1, kind="builtin", track="map", info={}))
+        session.flush()
+        _add_evaluation(session, "driven", EpisodeStatus.DONE)
+        _add_evaluation(session, "waiting", EpisodeStatus.QUEUED)
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.downgrade(config, "2026_11_creation_index")
+    assert "dohyo_versions" not in [one["name"] for one in inspect(database.engine).get_columns("evaluations")]
+    database.migrate()
+    with database.reading() as session:
+        found = session.execute(select(Evaluation.id, Evaluation.dohyo_versions).order_by(Evaluation.id))
+        assert [tuple(row) for row in found] == [("driven", [EARLIER]), ("waiting", [])]
+
+
 def _migrate(url: str, start: object) -> None:
     start.wait(120)  # type: ignore[attr-defined]
     database = Database(url, busy_s=30.0)
@@ -83,7 +114,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:
-        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_11_creation_index"]  # type: ignore[call-overload]
+        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_12_dohyo_versions"]  # type: ignore[call-overload]
     database.close()
 
 

@@ -42,6 +42,7 @@ def entry(agent: str, drives: list[Drive], **changes: object) -> Entry:
         seeds=(0,),
         finished=None,
         drives=tuple(drives),
+        dohyo_versions=("0.2.0",),
     )
     return dataclasses.replace(made, **changes)  # type: ignore[arg-type]
 

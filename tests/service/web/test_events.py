@@ -29,6 +29,7 @@ def state(done: int, status: EvaluationStatus = EvaluationStatus.RUNNING) -> Eva
         egos={},
         benchmark="b",
         benchmark_version="0" * 64,
+        dohyo_versions=[],
         seeds=[0],
         slow_policy="wait",
         act_deadline_s=10.0,

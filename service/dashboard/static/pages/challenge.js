@@ -1,7 +1,7 @@
 /** One challenge: what is announced, its phases with their boards, the reader's own team and runs, and the rules. */
 
 import { get, getAll, page, send } from "../api.js";
-import { columnsOf, partText, readBoard } from "../board.js";
+import { columnsOf, partText, readBoard, versionText } from "../board.js";
 import { byId, fill, h } from "../dom.js";
 import { missing } from "../estimate.js";
 import { bar, standing } from "../evaluation.js";
@@ -125,6 +125,7 @@ async function boardPart(phase) {
       "p",
       { class: "note" },
       partText(board),
+      versionText(board.rows),
       `Ranked by ${board.description}. Rows without a significant difference on the same drives share a rank. P(A better) is the probability that a row (A) is better than the row above (B). `,
       "Run by the service: built-in and ONNX agents; of a remote agent, computing time, memory and program cannot be checked. Runs: ranked runs ordered, and after the minus sign attempts at episodes that gave no record. ",
       h("a", { href: csv }, "CSV"),

@@ -5,7 +5,7 @@ import { byId, fill, h } from "../dom.js";
 import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.js";
 import { isLost } from "../evaluation.js";
 import { familyOf, sideScore } from "../families.js";
-import { number, short } from "../format.js";
+import { number, short, softwareText } from "../format.js";
 import { goodness, shown } from "../scores.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
@@ -114,6 +114,7 @@ function scores(given, colour) {
         h("div", { style: { "--agent": colour[row.agent] ?? "var(--accent)" } }, whisker(row.scores[key], top)),
       csv: (row) => estimateCells(key, row.scores[key]),
     })),
+    new Set(given.evaluations.map(softwareText)).size > 1 && { title: "driven with", cell: softwareText },
     given.evaluations.some((row) => row.lost > 0) && { title: "lost", unit: given.family.many, numeric: true, cell: (row) => row.lost },
   ].filter(Boolean);
   return h(

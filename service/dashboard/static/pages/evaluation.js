@@ -4,7 +4,7 @@ import { get, getAll, listen, page } from "../api.js";
 import { byId, fill, h, mark, s } from "../dom.js";
 import { agentName, missing } from "../estimate.js";
 import { bar, isLost, measures, standing } from "../evaluation.js";
-import { moment, number, span } from "../format.js";
+import { moment, number, softwareText, span } from "../format.js";
 import { measureColumns, measuredBy, worstFirst } from "../measured.js";
 import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
 import { staleNotice } from "../notice.js";
@@ -148,6 +148,7 @@ function showProgress() {
       ["time left", finished(evaluation.status) ? "—" : rate > 0 ? `about ${span(left / rate)}` : "unknown"],
       ["seeds", evaluation.seeds ? String(evaluation.seeds.length) : "withheld"],
       ["started", moment(evaluation.started ?? evaluation.created)],
+      ["driven with", evaluation.dohyo_versions.length ? softwareText(evaluation) : "—"],
     ].map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
   );
   const cells = [...new Set(episodes.map((one) => one.cell))];

@@ -1,7 +1,7 @@
 /** Ranking of the agents on one benchmark version, by track. */
 
 import { get, page } from "../api.js";
-import { columnsOf, kindsOn, partText, readBoard } from "../board.js";
+import { columnsOf, kindsOn, partText, readBoard, versionText } from "../board.js";
 import { crossPlay } from "../cross_play.js";
 import { byId, fill, h, mark } from "../dom.js";
 import { short } from "../format.js";
@@ -111,6 +111,7 @@ function notes(board, rows, asked) {
       "p",
       { class: "note" },
       partText(board),
+      versionText(rows),
       `Ranked by ${board.description}. `,
       "Rows without a significant difference on the same drives share a rank. Vs above: the paired test of this row (A) against the row above (B); P(A better) is the probability that A is better. ",
       "Version ",
