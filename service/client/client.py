@@ -48,6 +48,7 @@ TIMEOUT_S = 60.0
 PATIENCE_S = 120.0  # as a worker has: a restart of the service with all that it loads
 T = TypeVar("T")
 POLL_S = 1.0
+AWAY = (502, 503, 504)  # answers for a service that is busy or starts again
 
 
 class Client:
@@ -62,8 +63,9 @@ class Client:
             url: Such as "http://127.0.0.1:8000".
             token: None: read only what is public.
             timeout_s: For one answer.
-            patience_s: Longest Retry-After of a busy service that a call waits for, once; and the time for which
-                `wait` and `follow` ask again while the service cannot answer, such as during a restart.
+            patience_s: Longest time for which a call waits for a busy service, and for which a GET is repeated while a
+                proxy answers for the service, such as during a restart. `wait` and `follow` go on without any answer,
+                too.
         """
         self._url, self._token, self._patience_s = url, token, patience_s
         self._http = httpx.Client(base_url=url, headers=headers_of(token), timeout=timeout_s)
@@ -307,27 +309,30 @@ class Client:
 
     def _send(self, call: Call) -> httpx.Response:
         """Answer to a request."""
-        try:
-            return self._request(call)
-        except ServiceError as error:
-            self._pause(call, error)
-        return self._request(call)
+        until = time.monotonic() + self._patience_s
+        while True:
+            try:
+                return self._request(call)
+            except ServiceError as error:
+                self._pause(call, error, until)
 
     def _load(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
         """Content of an answer, unpacked and not larger than a limit, and its headers."""
-        try:
-            return self._receive(call, limit_bytes)
-        except ServiceError as error:
-            self._pause(call, error)
-        return self._receive(call, limit_bytes)
+        until = time.monotonic() + self._patience_s
+        while True:
+            try:
+                return self._receive(call, limit_bytes)
+            except ServiceError as error:
+                self._pause(call, error, until)
 
-    def _pause(self, call: Call, error: ServiceError) -> None:
-        """Waits as long as a busy service asks for; raises the error where a second request would be in vain."""
-        # 429 is a refusal before any work; a proxy's 503 may follow it, so an order is not repeated.
-        passes = error.status == 429 or (error.status == 503 and call.method == "GET")
-        if not passes or error.retry_s is None or error.retry_s > self._patience_s:
+    def _pause(self, call: Call, error: ServiceError, until: float) -> None:
+        """Waits before a request is sent again; raises the error where that would be in vain or too late."""
+        # 429 is a refusal before any work; a proxy's 502 to 504 may follow it, so an order is not repeated.
+        away = error.status in AWAY and call.method == "GET"
+        pause_s = POLL_S if away and error.retry_s is None else error.retry_s
+        if not (away or error.status == 429) or pause_s is None or time.monotonic() + pause_s > until:
             raise error
-        time.sleep(error.retry_s)
+        time.sleep(pause_s)
 
     def _request(self, call: Call) -> httpx.Response:
         try:
@@ -371,7 +376,7 @@ class Client:
                 try:
                     with closing(self._events(events, parser, ends)) as stream:
                         for event in stream:
-                            state = event.document if event.has_state else self.get(path)
+                            state = event.document if event.has_state else self._asked(path)
                             yield state
                             if state["status"] in ENDED:
                                 return
@@ -390,12 +395,17 @@ class Client:
         until = min(ends, time.monotonic() + self._patience_s)
         while True:
             try:
-                return self.get(path)
+                return self._asked(path)
             except ServiceError as error:
                 pause_s = POLL_S if error.retry_s is None else error.retry_s
                 if not error.passes or time.monotonic() + pause_s > until:
                     raise
             time.sleep(pause_s)
+
+    def _asked(self, path: str) -> Document:
+        """Document of a path, asked for once."""
+        answer = self._request(Call("GET", path))
+        return cast(Document, answer.json())
 
     def _events(self, path: str, parser: EventParser, ends: float) -> Generator[Event, None, None]:
         """Events of a stream until it closes, is silent for too long, or a time limit is near."""

@@ -116,3 +116,26 @@ def test_a_service_that_stays_away_ends_the_wait(script: Script, monkeypatch: py
     script.answers += [BROKEN, Answer({}, 502)]
     with Client(script.url, patience_s=0.0) as client, pytest.raises(ServiceError, match="HTTP 502"):
         client.wait("ev-1")
+
+
+def test_what_only_reads_is_asked_again_while_a_proxy_answers_for_the_service(
+    script: Script, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(blocking, "POLL_S", 0.01)
+    script.answers += [*(Answer("<html>away</html>", status) for status in (502, 503, 504)), Answer(state("done"))]
+    assert client.evaluation("ev-1")["status"] == "done"
+    script.answers += [Answer({}, 502)]
+    with pytest.raises(ServiceError, match="HTTP 502"):
+        client.cancel("ev-1")  # an order may have had its effect
+    script.answers += [Answer({"detail": "a fault of the service"}, 500)]
+    with pytest.raises(ServiceError, match="HTTP 500"):
+        client.evaluation("ev-1")
+
+
+def test_no_read_is_asked_again_after_its_time(script: Script, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(blocking, "POLL_S", 60.0)
+    script.answers += [Answer({}, 502), Answer({}, 502)]
+    with Client(script.url, patience_s=10.0) as client, pytest.raises(ServiceError, match="HTTP 502"):
+        client.evaluation("ev-1")
+    with Client(script.url) as client, pytest.raises(ServiceError, match="HTTP 502"):
+        client.wait("ev-1", timeout_s=10.0)
