@@ -15,6 +15,8 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 BIN_S = 900.0
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 MOST_ROWS = 20_000
+ROUNDS = 4
+"""Of a regression with missing targets: at 30 % of them 0.8 % of their effect is left."""
 """Largest number of windows of a linear regression; beyond, every n-th is used."""
 
 
@@ -103,13 +105,13 @@ class Linear(Forecaster):
         """Solves for each strength of the ridge, and keeps the best on the validation windows."""
         every = max(1, len(train) // MOST_ROWS)
         inputs, change = self._inputs(train.history[::every]), self._changes(train, every)
-        gram, cross = inputs.T @ inputs / len(inputs), inputs.T @ change / len(inputs)
-        best = np.inf
-        truth = self._changes(validation, 1)
+        gram, best = inputs.T @ inputs / len(inputs), np.inf
+        history, truth = self._inputs(validation.history), self._changes(validation, 1)
+        known = np.isfinite(truth)
         for ridge in RIDGES:
             penalty = ridge * np.diag(gram).mean() * np.eye(len(gram)) * 1e-2
-            weights = np.linalg.solve(gram + penalty, cross)
-            error = float(np.mean((self._inputs(validation.history) @ weights - truth) ** 2))
+            weights = _solved(gram + penalty, inputs, change)
+            error = float(np.mean(np.square(history @ weights - truth), where=known)) if known.any() else 0.0
             if error < best:
                 best, self.weights = error, weights.astype(np.float32)
 
@@ -135,6 +137,19 @@ class Linear(Forecaster):
         return np.asarray(np.column_stack([flat, np.ones(len(flat))]), dtype=np.float64)
 
     def _changes(self, windows: Windows, every: int) -> FloatArray:
-        """(B, 3 N) targets relative to the last row, normalised; a missing one counts as no change."""
+        """(B, 3 N) targets relative to the last row, normalised, NaN where missing."""
         change = (windows.target[::every] - windows.history[::every, -1:]) / self.free_mps
-        return np.asarray(np.nan_to_num(change).reshape(len(change), -1), dtype=np.float64)
+        return np.asarray(change.reshape(len(change), -1), dtype=np.float64)
+
+
+def _solved(gram: FloatArray, inputs: FloatArray, targets: FloatArray) -> FloatArray:
+    """Weights of the regression on the targets that are known, by expectation-maximisation.
+
+    A missing target is what the weights so far say, at first 0. Each round leaves of the error that this makes at most
+    the share of missing targets. Exact weights would ask for a Gram matrix per target.
+    """
+    known, weights = np.isfinite(targets), np.zeros((len(gram), targets.shape[1]))
+    for _ in range(1 if known.all() else ROUNDS):
+        filled = np.where(known, targets, inputs @ weights)
+        weights = np.linalg.solve(gram, inputs.T @ filled / len(inputs))
+    return weights

@@ -78,7 +78,7 @@ class Grid:
             first = self.place[begin]
             even = np.full((self.place[end - 1] - first + 1, self.speeds.shape[1]), np.nan, dtype=np.float32)
             even[self.place[begin:end] - first] = self.speeds[begin:end]
-            out.append(Stretch(f"{name}:{begin + 1}", float(time_s[begin] % DAY_S), even))
+            out.append(Stretch(f"{name}:{begin + 1}", float(time_s[begin] % DAY_S), even, day=int(day[begin])))
         return out
 
 

@@ -21,6 +21,8 @@ UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 DAY_S = 86400
 MIN_ROWS = 120
 """Fewest rows of a table to learn from."""
+MIN_DAYS = 10
+"""Fewest days of a table that is split by day."""
 FREE_MPS = (5.0, 42.0)
 """Range of the 95 % quantile of speeds: an alley has 18 km/h, a motorway without limit 151."""
 STANDS_STILL_MPS = 1e-3
@@ -38,17 +40,19 @@ class Stretch:
         start_s: Time of day of the first row.
         speeds: (T, N) measured, m/s, NaN where missing.
         truth: (T, N) of all vehicles, m/s, if known.
+        day: Number of its day, counted from any; stretches of one table with the same one are parts of a day.
     """
 
     name: str
     start_s: float
     speeds: Float32Array
     truth: Float32Array | None = None
+    day: int = 0
 
     def part(self, begin: int, end: int, step_s: float) -> Stretch:
         """Rows [begin, end), with their own time of day."""
         truth = None if self.truth is None else self.truth[begin:end]
-        return Stretch(self.name, (self.start_s + begin * step_s) % DAY_S, self.speeds[begin:end], truth)
+        return Stretch(self.name, (self.start_s + begin * step_s) % DAY_S, self.speeds[begin:end], truth, self.day)
 
 
 @dataclass(frozen=True)
@@ -100,10 +104,11 @@ def split_table(stretches: Sequence[Stretch], step_s: float) -> dict[str, list[S
         raise InvalidInputError(f"expected at least {MIN_ROWS} rows to learn from, got {rows}")
     names = ("train", "validation", "test")
     ends = np.cumsum(SHARES)
-    if len(stretches) >= 10:
-        cuts = np.round(ends * len(stretches)).astype(int)
-        days = zip(names, (0, *cuts), cuts, strict=False)
-        return {name: list(stretches[begin:end]) for name, begin, end in days}
+    days = list(dict.fromkeys(one.day for one in stretches))
+    if len(days) >= MIN_DAYS:
+        cuts = np.round(ends * len(days)).astype(int)
+        shares = {name: days[begin:end] for name, begin, end in zip(names, (0, *cuts), cuts, strict=False)}
+        return {name: [one for one in stretches if one.day in share] for name, share in shares.items()}
     sets: dict[str, list[Stretch]] = {name: [] for name in names}
     cuts, past = np.round(ends * rows).astype(int), 0
     for one in stretches:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -121,13 +122,16 @@ def test_the_historical_mean_knows_the_time_of_day(fitted: dict[str, Forecaster]
     np.testing.assert_allclose(mean.predict(history(), 8.0 * 3600.0 + 10)[0], expected, rtol=1e-4)
 
 
-def test_a_linear_road_is_learned_exactly() -> None:
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_a_linear_road_is_learned_exactly(missing: float) -> None:
     rng = np.random.default_rng(0)
     speeds = np.empty((400, 2), dtype=np.float32)
     speeds[0] = 15.0
     for t in range(1, 400):
         speeds[t] = 15 + 0.8 * (speeds[t - 1, ::-1] - 15) + rng.normal(0, 1.0, 2)  # each follows the other one
     windows = make_windows([type(road_stretch(20, 2))("x", 0.0, speeds)], 60.0)
+    known = np.where(rng.random(windows.target.shape) < missing, np.nan, windows.target).astype(np.float32)
+    windows = replace(windows, target=known)
     one = Linear(2)
     one.fit(windows, windows)
     got = one.predict(np.vstack([np.full((7, 2), 15.0), [[20.0, 10.0]]]))

@@ -49,6 +49,30 @@ def test_many_days_are_split_by_day(tmp_path: Path) -> None:
     assert {one.start_s for some in data.sets.values() for one in some} == {0.0}
 
 
+@pytest.mark.parametrize("flaky", [(0, 1), (10, 11)])
+def test_pieces_of_a_day_stay_together(tmp_path: Path, flaky: tuple[int, int]) -> None:
+    kept = np.ones((12, 24 * 60), dtype=bool)
+    for begin in range(200, 1200, 240):
+        kept[np.array(flaky), begin : begin + 62] = False
+    minutes = np.flatnonzero(kept)
+    columns = {name: np.random.default_rng(0).uniform(5, 30, len(minutes)) for name in "ab"}
+    times = [datetime.datetime(2024, 3, 1) + datetime.timedelta(minutes=int(minute)) for minute in minutes]
+    pl.DataFrame({"timestamp": times, **columns}).write_csv(tmp_path / "t.csv")
+    data = read_data(tmp_path / "t.csv")
+    rows = [sum(len(one.speeds) for one in data.sets[name]) for name in ("train", "validation", "test")]
+    ends = np.cumsum(kept.sum(axis=1))[[7, 9, 11]]
+    assert np.cumsum(rows).tolist() == ends.tolist(), "eight days, two and two"
+
+
+def test_islands_of_one_day_are_no_days(tmp_path: Path) -> None:
+    minutes = np.concatenate([*(150 * i + np.arange(12) for i in range(9)), np.arange(1440, 3 * 1440)])
+    columns = {name: np.random.default_rng(0).uniform(5, 30, len(minutes)) for name in "ab"}
+    pl.DataFrame({"minute": minutes, **columns}).write_csv(tmp_path / "t.csv")
+    data = read_data(tmp_path / "t.csv")
+    rows = np.array([sum(len(one.speeds) for one in data.sets[name]) for name in ("train", "validation", "test")])
+    assert np.allclose(rows / len(minutes), (0.7, 0.1, 0.2), atol=0.01)
+
+
 def test_skipped_rows_are_missing_values_and_a_long_hole_begins_anew(tmp_path: Path) -> None:
     speeds, minutes = road_speeds(300, 3), np.arange(300)
     kept = np.concatenate([np.arange(100), np.arange(103, 200), np.arange(270, 300)])
