@@ -38,6 +38,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import World
 
@@ -125,7 +126,7 @@ def scenario(order: MotionRequest, name: str, number: int) -> Scenario:
         network=name,
         missions=missions,
         traffic=Traffic(vehicles=vehicles, bicycles=vehicles // 8, pedestrians=vehicles // 2, warm_up_s=30.0),
-        seed=int(rng.integers(2**31)),
+        seed=int(rng.integers(HELD_OUT_FROM)),
     )
 
 

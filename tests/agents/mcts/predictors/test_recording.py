@@ -19,6 +19,7 @@ from dohyo.agents.mcts.predictors.recording import (
     split_of,
 )
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from dohyo.sumo_networks.world import ActorKind
 from tests.forked import Python
 
@@ -111,8 +112,9 @@ def test_held_out_networks_are_never_trained_on():
 
 
 def test_every_episode_is_another_scenario():
-    made = {scenario(SMALL, "town-train", number).content_hash() for number in range(4)}
-    assert len(made) == 4
+    made = [scenario(SMALL, "town-train", number) for number in range(4)]
+    assert len({one.content_hash() for one in made}) == 4
+    assert all(one.seed < HELD_OUT_FROM for one in made)
     assert scenario(SMALL, "town-train", 1) == scenario(SMALL, "town-train", 1)
     assert scenario(SMALL, "town-train", 1) != scenario(replace(SMALL, seed=6), "town-train", 1)
 
