@@ -28,6 +28,7 @@ from dohyo.service.forking.process import ForkedProcess
 from dohyo.service.forking.server import Launch, Template, fork
 from dohyo.service.running.channel import Frames, Kind
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
+from dohyo.service.shielding import to_the_end
 from dohyo.sumo_networks.config import Config
 
 ENTRY: Final = "dohyo.service.running.child:drive_here"
@@ -99,20 +100,34 @@ class EpisodeProcess:
         self._limit_s = math.inf
 
     async def start(self) -> None:
-        """Starts the process.
+        """Starts the process; a cancellation waits for it and ends it.
 
         Raises:
             OSError: The process cannot be started.
         """
+        try:
+            await to_the_end(self._start())
+        except BaseException:
+            await to_the_end(self.close())
+            raise
+
+    async def _start(self) -> None:
         ours, theirs = socket.socketpair()
+        await asyncio.get_running_loop().create_unix_connection(lambda: self._frames, sock=ours)
+        self._process = await asyncio.to_thread(self._spawn, theirs)
+        self.alive = True
+
+    def _spawn(self, theirs: socket.socket) -> subprocess.Popen[bytes] | ForkedProcess:
+        """Starts the process with the other end of the channel, which is closed here; blocks until it exists.
+
+        Descriptors belong to this thread alone: closed elsewhere, their numbers would soon be those of other files.
+        """
         with theirs, tempfile.TemporaryFile() as shared:
             shared.truncate(GAUGE_BYTES)
             self._gauge = Gauge(shared.fileno())
-            await asyncio.get_running_loop().create_unix_connection(lambda: self._frames, sock=ours)
-            self._process = await asyncio.to_thread(self._spawn, theirs.fileno(), shared.fileno())
-        self.alive = True
+            return self._launch(theirs.fileno(), shared.fileno())
 
-    def _spawn(self, channel: int, gauge: int) -> subprocess.Popen[bytes] | ForkedProcess:
+    def _launch(self, channel: int, gauge: int) -> subprocess.Popen[bytes] | ForkedProcess:
         policies = {"DOHYO_POLICIES": str(self._policies.resolve())}
         if self._cluster is None:
             environment = of_episodes() | policies
