@@ -17,7 +17,7 @@ class Counts(StrEnum):
 
     FIRST: the one ordered first, also where it was cancelled: it may be resumed. BEST: the one of the highest headline
     score. An entrant is a team. In an open ranking it is an agent: FIRST then holds for each of its versions, of which
-    the best is its place.
+    the best is its place. After an upgrade of dohyo the first is that of the runs which the new version drives.
     """
 
     BEST = "best"
