@@ -16,7 +16,7 @@ from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import versions
 from dohyo.evaluation.families import OtherFamilyError
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
-from dohyo.evaluation.records.store import read_record
+from dohyo.evaluation.records.store import read_whole_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.job import Job
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, manifest_of, read_manifest
@@ -144,7 +144,7 @@ def read_result(out: Path) -> Result:
             benchmark or of its agents.
     """
     manifest = read_manifest(out)
-    found = [(read_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
+    found = [(read_whole_record(path), path) for path in sorted((out / RECORDS).glob("*.json"))]
     if not found:
         raise InvalidInputError(f"'{out}' holds no finished episode yet")
     check_members(found, manifest.benchmark, manifest.benchmark_sha256)
@@ -259,6 +259,6 @@ def _drove(record: EpisodeRecord, infos: Mapping[str, AgentInfo]) -> bool:
 
 def _usable(path: Path) -> EpisodeRecord | None:
     try:
-        return read_record(path)
+        return read_whole_record(path)
     except InvalidInputError:
         return None
