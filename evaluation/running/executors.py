@@ -9,14 +9,17 @@ the worker died twice. A worker whose parent has died ends itself.
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,13 +29,17 @@ from dohyo.evaluation.episode.runner import Watch, drive_episode, versions
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import seal, write_record
-from dohyo.evaluation.records.trajectory import TrajectoryRecorder
+from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.evaluation.running.job import DIED_TWICE, KILL_GRACE_S, MAX_ATTEMPTS, NEVER_RETURNED, POLL_S, Job
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.processes import worker_context, worker_process
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission
+
+
+class RecordWriteError(OSError):
+    """A record cannot be written, by a full disk for example: each further episode would be driven for nothing."""
 
 
 class Executor(Protocol):
@@ -53,17 +60,30 @@ class ProcessPool:
     workers: int = 1
 
     def run(self, jobs: Sequence[Job]) -> Iterator[EpisodeRecord]:
-        """See `Executor`."""
+        """See `Executor`.
+
+        Raises:
+            InvalidInputError: A scenario cannot be driven, or a record cannot be written.
+        """
         crew = [Worker() for _ in range(min(self.workers, len(jobs)))]
         try:
             yield from drive_all(jobs, crew)
+        except RecordWriteError as error:
+            raise InvalidInputError(
+                f"cannot write results to '{error.filename}': {error.strerror}; the same command continues"
+            ) from error
         finally:
             for worker in crew:
                 worker.stop()
 
 
 def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRecord]:
-    """Distributes jobs over worker processes, which stay alive; yields one record per job, as `Executor` does."""
+    """Distributes jobs over worker processes, which stay alive; yields one record per job, as `Executor` does.
+
+    Raises:
+        InvalidInputError: A scenario cannot be driven.
+        RecordWriteError: A record cannot be written.
+    """
     pending = deque((job, 1) for job in jobs)
     for worker in crew:
         worker.take(pending)
@@ -116,12 +136,17 @@ class Worker:
         return self.job is not None and must_end_by > 0 and time.monotonic() > must_end_by + KILL_GRACE_S
 
     def collect(self, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
-        """The finished record, or one for a job that cannot be finished; None if the job will be tried again."""
+        """The finished record, or one for a job that cannot be finished; None if the job will be tried again.
+
+        Raises:
+            InvalidInputError: The scenario cannot be driven.
+            RecordWriteError: The record cannot be written.
+        """
         job, hangs, ego, in_call = self.job, self.hangs(), self.called.value, self.must_end_by.value > 0
         assert job is not None
         answer = self._answer()
         self.job = None
-        if isinstance(answer, InvalidInputError):
+        if isinstance(answer, InvalidInputError | RecordWriteError):
             raise answer
         if isinstance(answer, EpisodeRecord):
             return answer
@@ -131,7 +156,7 @@ class Worker:
         self._start()
         if hangs:
             if (others := job.without(ego, NEVER_RETURNED)) is None:
-                return lost_episode(job, Status.AGENT_DEADLINE, NEVER_RETURNED)
+                return _lost(job, Status.AGENT_DEADLINE, NEVER_RETURNED)
             pending.append((others, self.attempt))
             return None
         following = job.after_death(ego) if in_call and answer is None else None
@@ -141,9 +166,9 @@ class Worker:
         if self.attempt < MAX_ATTEMPTS:
             pending.append((following or job, self.attempt + 1))
             return None
-        return lost_episode(job, Status.SIMULATION, failure)
+        return _lost(job, Status.SIMULATION, failure)
 
-    def _answer(self) -> EpisodeRecord | InvalidInputError | str | None:
+    def _answer(self) -> EpisodeRecord | InvalidInputError | RecordWriteError | str | None:
         """The worker's message: a record, or the reason for its absence; None if the worker died without a message."""
         try:
             return self.pipe.recv() if self.pipe.poll() else None
@@ -160,7 +185,11 @@ class Worker:
 
 
 def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
-    """Writes the record of an episode whose process died before it wrote one."""
+    """Writes the record of an episode whose process died before it wrote one.
+
+    Raises:
+        OSError: The record cannot be written.
+    """
     network = load_network(job.scenario.network)
     egos = tuple(
         EgoRecord(
@@ -189,6 +218,20 @@ def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
     return record
 
 
+def _lost(job: Job, status: Status, failure: str) -> EpisodeRecord:
+    with _writing(job.directory):
+        return lost_episode(job, status, failure)
+
+
+@contextmanager
+def _writing(directory: Path) -> Iterator[None]:
+    """An OSError of the block becomes a RecordWriteError with the folder's name."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordWriteError(error.errno, error.strerror or str(error), str(directory)) from error
+
+
 def _work(pipe: Connection, must_end_by: Synchronized[float], called: Synchronized[int]) -> None:
     """A worker process: drives one job after the other until its parent closes the pipe or dies."""
     jobs: deque[Job] = deque()
@@ -206,14 +249,20 @@ def _work(pipe: Connection, must_end_by: Synchronized[float], called: Synchroniz
         called.value = ego
         must_end_by.value = time.monotonic() + seconds if seconds else 0.0
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
     threading.Thread(target=listen, daemon=True).start()
     while True:
         arrived.acquire()
         job = jobs.popleft()
         try:
-            pipe.send(drive_job(job, watch))
+            record, trajectory = _drive(job, watch)
+            with _writing(job.directory):
+                write_record(job.directory, job.stem, record, trajectory)
+            pipe.send(record)
         except InvalidInputError as error:  # a second attempt would fail too, and so would the other jobs
             pipe.send(InvalidInputError(str(error)))
+        except RecordWriteError as error:  # no other record can be written either
+            pipe.send(error)
         except Exception as error:  # an error of dohyo itself: the evaluation goes on, and the record states it
             traceback.print_exc()
             pipe.send(f"{type(error).__name__}: {error}")
@@ -242,13 +291,24 @@ class Hung(Agent):
 
 
 def drive_job(job: Job, watch: Watch = lambda seconds, ego: None) -> EpisodeRecord:
-    """Drives one job in this process and writes its record."""
+    """Drives one job in this process and writes its record.
+
+    Raises:
+        InvalidInputError: The scenario cannot be driven.
+        OSError: The record cannot be written.
+    """
+    record, trajectory = _drive(job, watch)
+    write_record(job.directory, job.stem, record, trajectory)
+    return record
+
+
+def _drive(job: Job, watch: Watch) -> tuple[EpisodeRecord, Trajectory]:
     agents = {
         name: Hung(job.hung[name]) if name in job.hung else make_agent(info.entry, info.settings)
         for name, info in job.infos.items()
     }
     try:
-        record, trajectory = drive_episode(
+        return drive_episode(
             job.scenario,
             agents,
             infos=job.infos,
@@ -258,6 +318,12 @@ def drive_job(job: Job, watch: Watch = lambda seconds, ego: None) -> EpisodeReco
         )
     finally:
         for agent in agents.values():
-            agent.close()
-    write_record(job.directory, job.stem, record, trajectory)
-    return record
+            _close(agent)
+
+
+def _close(agent: Agent) -> None:
+    """Frees an agent's resources; its drive is over, so that a failure here must not lose it."""
+    try:
+        agent.close()
+    except (Exception, SystemExit):
+        traceback.print_exc()

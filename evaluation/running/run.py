@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,6 +93,7 @@ def run_benchmark(
     Raises:
         InvalidInputError: An unknown name, an agent that cannot be made, a mission that cannot be driven, or a folder
             that holds another evaluation, or missions that are not among those to drive. Nothing has been written then.
+            Or a record cannot be written; those of finished episodes stay, and a second call continues.
     """
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
@@ -197,11 +197,9 @@ def _claim(out: Path, manifest: Manifest) -> Manifest:
             return manifest
     try:
         out.mkdir(parents=True, exist_ok=True)
+        write_atomically(out / MANIFEST, manifest.model_dump_json(indent=1).encode())
     except OSError as error:
         raise InvalidInputError(f"cannot write results to '{out}': {error.strerror}") from error
-    if not os.access(out, os.W_OK):
-        raise InvalidInputError(f"cannot write results to '{out}': no permission")
-    write_atomically(out / MANIFEST, manifest.model_dump_json(indent=1).encode())
     return manifest
 
 
