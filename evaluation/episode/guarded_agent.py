@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
 import traceback
+from asyncio import CancelledError
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -62,7 +64,7 @@ class GuardedAgent:
         """Warms the agent up and prepares it for an episode.
 
         Raises:
-            AgentFailedError: The agent raised, or took too long.
+            AgentFailedError: The agent raised, wanted to end the process, or took too long.
             SimulationError: The machine failed, not the agent.
         """
         if hasattr(self.agent, "warm_up"):  # optional
@@ -77,7 +79,7 @@ class GuardedAgent:
             check: Function that raises InvalidActionError for an action that cannot be driven.
 
         Raises:
-            AgentFailedError: The agent raised or took too long, or the action is invalid.
+            AgentFailedError: The agent raised, wanted to end the process or took too long, or the action is invalid.
             SimulationError: The machine failed, not the agent.
         """
         began = time.perf_counter()
@@ -105,17 +107,27 @@ class GuardedAgent:
             raise AgentFailedError(Status.AGENT_DEADLINE, str(error)) from error
         except InvalidActionError as error:
             raise AgentFailedError(Status.AGENT_ACTION, str(error)) from error
-        except SimulationError:  # the machine failed: for example, the sandbox of a policy cannot start
-            raise
         except AgentError as error:  # its message is already written for people
             raise AgentFailedError(failed, str(error)[:LONGEST_FAILURE]) from error
-        except Exception as error:  # an agent may raise anything; the evaluation must go on
+        except (Exception, SystemExit, KeyboardInterrupt, CancelledError) as error:  # the evaluation must go on
+            if self._is_blameless(error):
+                raise
             raise AgentFailedError(failed, describe(error)) from error
         finally:
             self._watch(0.0)
 
+    def _is_blameless(self, error: BaseException) -> bool:
+        """Whether the user or the machine ended a call.
 
-def describe(error: Exception) -> str:
+        Only dohyo's own agents may report a failed machine, such as a sandbox that cannot start: no mean has the drives
+        lost by it. A KeyboardInterrupt is the agent's own where Ctrl-C is ignored, as in worker processes.
+        """
+        if isinstance(error, KeyboardInterrupt):
+            return signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+        return isinstance(error, SimulationError) and type(self.agent).__module__.startswith("dohyo.")
+
+
+def describe(error: BaseException) -> str:
     """Type, message and place of an error, without memory addresses, which differ from run to run."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""

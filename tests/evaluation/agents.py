@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
+import multiprocessing
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.sumo_networks.errors import SimulationError
 
 
 class Steady(Agent):
@@ -55,6 +59,58 @@ class Sluggish(Steady):
 class Raises(Steady):
     def misbehave(self) -> np.ndarray:
         raise RuntimeError(f"out of ideas, {self!r}")
+
+
+class Exits(Steady):
+    """Ends its process, as some libraries do."""
+
+    def misbehave(self) -> np.ndarray:
+        sys.exit(3)
+
+
+class ExitsInReset(Steady):
+    def reset(self, mission: Mission, seed: int) -> None:
+        sys.exit("no such mission")
+
+
+class Interrupts(Steady):
+    def misbehave(self) -> np.ndarray:
+        raise KeyboardInterrupt
+
+
+class IsCancelled(Steady):
+    def misbehave(self) -> np.ndarray:
+        raise asyncio.CancelledError
+
+
+class BlamesTheMachine(Steady):
+    def misbehave(self) -> np.ndarray:
+        raise SimulationError("SUMO failed, I swear")
+
+
+class FailsToClose(Steady):
+    def close(self) -> None:
+        if multiprocessing.parent_process():  # not where it is only described
+            raise RuntimeError("it is stuck")
+
+
+class ExitsInClose(Steady):
+    def close(self) -> None:
+        if multiprocessing.parent_process():
+            sys.exit(3)
+
+
+class Noted(Steady):
+    """Adds a byte to a file in each attempt at an episode."""
+
+    def __init__(self, file: str, after: int = 30) -> None:
+        super().__init__(after)
+        self.file = file
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        super().reset(mission, seed)
+        with open(self.file, "ab") as file:
+            file.write(b".")
 
 
 class AnswersNan(Steady):

@@ -60,6 +60,10 @@ def test_trajectories_cover_every_tick() -> None:
     ("agent", "status", "says"),
     [
         (agents.Raises(), Status.AGENT_RAISED, "RuntimeError: out of ideas"),
+        (agents.Exits(), Status.AGENT_RAISED, "SystemExit: 3 (agents.py:"),
+        (agents.IsCancelled(), Status.AGENT_RAISED, "CancelledError"),
+        (agents.BlamesTheMachine(), Status.AGENT_RAISED, "SimulationError: SUMO failed, I swear"),
+        (agents.ExitsInReset(), Status.AGENT_SETUP, "SystemExit: no such mission"),
         (agents.AnswersNan(), Status.AGENT_ACTION, "finite"),
         (agents.AnswersWrongShape(), Status.AGENT_ACTION, "(2,), got shape (7,)"),
         (agents.AnswersNothing(), Status.AGENT_ACTION, "expected"),
@@ -79,6 +83,11 @@ def test_an_agents_fault_ends_its_episode_and_says_why(agent: agents.Steady, sta
 def test_an_agents_fault_gives_the_same_hash_again() -> None:
     hashes = {run_episode(scenario(), {"ego": agents.Raises()}).record_hash for _ in range(2)}
     assert len(hashes) == 1, "the message of the error holds an address"
+
+
+def test_ctrl_c_during_a_decision_is_no_fault_of_the_agent() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run_episode(scenario(traffic=Traffic()), {"ego": agents.Interrupts()})
 
 
 def test_one_agents_fault_leaves_the_others_driving() -> None:

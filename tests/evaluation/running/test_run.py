@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -16,7 +17,7 @@ import sumo
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
-from dohyo.evaluation.running import executors
+from dohyo.evaluation.running import executors, run
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.manifest import part_of_record
 from dohyo.evaluation.running.run import Result, read_result, run_benchmark
@@ -148,6 +149,51 @@ def test_an_agent_that_never_returns_is_ended_and_at_fault(tmp_path: Path, monke
         act_deadline_s=0.5,
     )
     assert result.records[0].egos[0].status is Status.AGENT_DEADLINE
+
+
+@pytest.mark.parametrize("name", ["Exits", "Interrupts", "BlamesTheMachine"])
+def test_an_agent_that_ends_its_process_or_blames_the_machine_is_at_fault(name: str, tmp_path: Path) -> None:
+    entry, single = f"tests.evaluation.agents:{name}", benchmark(missions=1)
+    result = run_benchmark(single, entry, settings={"after": 3}, seeds=[0], out=tmp_path)
+    assert result.records[0].egos[0].status is Status.AGENT_RAISED
+    assert run_benchmark(single, entry, settings={"after": 3}, seeds=[0], out=tmp_path).resumed == 1
+
+
+@pytest.mark.parametrize("name", ["FailsToClose", "ExitsInClose"])
+def test_an_agent_that_cannot_be_closed_has_driven_all_the_same(name: str, tmp_path: Path) -> None:
+    result = run_benchmark(benchmark(missions=1), f"tests.evaluation.agents:{name}", seeds=[0], out=tmp_path)
+    assert result.records[0].egos[0].status.completed
+
+
+def test_a_record_that_cannot_be_written_ends_the_evaluation_and_the_same_call_continues(tmp_path: Path) -> None:
+    out, notes, short = tmp_path / "out", tmp_path / "notes", benchmark(missions=1, goal_m=10.0)
+    occupied = out / "records" / "drive-0-s1.json"
+    occupied.mkdir(parents=True)
+    noted, settings = "tests.evaluation.agents:Noted", {"file": str(notes)}
+    with pytest.raises(InvalidInputError, match=r"cannot write results to '.*records': .*; the same command continues"):
+        run_benchmark(short, noted, settings=settings, seeds=[0, 1, 2], out=out)
+    assert notes.read_bytes() == b"..", "each episode was driven once, and none after the failure"
+    assert finished(out) == {"drive-0-s0.json", "drive-0-s1.json"}
+
+    occupied.rmdir()
+    again = run_benchmark(short, noted, settings=settings, seeds=[0, 1, 2], out=out)
+    assert again.resumed == 1
+    assert all(record.egos[0].status.completed for record in again.records)
+
+
+def test_a_lost_episode_whose_record_cannot_be_written_ends_the_evaluation(tmp_path: Path) -> None:
+    (tmp_path / "records" / "drive-0-s0.json").mkdir(parents=True)
+    with pytest.raises(InvalidInputError, match="cannot write results to"):
+        run_benchmark(benchmark(missions=1), "tests.evaluation.agents:DiesAlways", seeds=[0], out=tmp_path)
+
+
+def test_a_folder_that_cannot_hold_the_manifest_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path, content: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(run, "write_atomically", refuse)
+    with pytest.raises(InvalidInputError, match=r"cannot write results to '.*': No space left on device"):
+        run_benchmark(benchmark(missions=1), STEADY, seeds=[0], out=tmp_path)
 
 
 SHORT = """
