@@ -111,8 +111,8 @@ def write_report(
         The path of the written file.
 
     Raises:
-        InvalidInputError: If there is no evaluation, an agent comes twice, the benchmarks differ, or records cannot be
-            summarised together.
+        InvalidInputError: If there is no evaluation, an agent comes twice, the benchmarks differ, records cannot be
+            summarised together, or the file cannot be written.
     """
     _check(evaluations)
     contenders = make_contenders(evaluations, rules, irs_length)
@@ -136,9 +136,18 @@ def write_report(
         "lost": [drive for drive in drives if drive.record.lost],
         "tables": csv_tables(contenders, pairs, counted),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, _environment().get_template("report.html.j2").render(page).encode())
+    _write(path, _environment().get_template("report.html.j2").render(page))
     return path
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        if path.is_dir():
+            raise InvalidInputError(f"cannot write '{path}': expected a file, got a folder")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, text.encode())
+    except OSError as error:
+        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
 
 
 def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, ClosedLoopSummary, list[TypeRow]]]:

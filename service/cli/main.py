@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -13,6 +14,7 @@ from dohyo.service.cli.lazy import INTERRUPTED, CommandGroup, make_commands
 from dohyo.sumo_networks.errors import DohyoError
 
 BAD_INPUT = 2
+UNWRITABLE = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS))
 
 
 class Root(CommandGroup):
@@ -42,13 +44,30 @@ def root(
 
 
 def main() -> None:
-    """Runs the command line; a DohyoError becomes one line on standard error and exit code 2."""
+    """Runs the command line; bad input and unusable files become one line on standard error and exit code 2."""
     try:
         app()
     except DohyoError as error:
-        from dohyo.service.cli.output import plain
-
-        print(f"dohyo: {plain(str(error))}", file=sys.stderr)
-        sys.exit(BAD_INPUT)
+        _refuse(str(error))
+    except OSError as error:
+        if (reason := _file_fault(error)) is None:
+            raise
+        _refuse(reason)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+
+
+def _refuse(reason: str) -> NoReturn:
+    from dohyo.service.cli.output import plain
+
+    print(f"dohyo: {plain(reason)}", file=sys.stderr)
+    sys.exit(BAD_INPUT)
+
+
+def _file_fault(error: OSError) -> str | None:
+    """Sentence about the file that cannot be used; None if the error is about no file, such as a closed pipe."""
+    file = error.filename2 or error.filename
+    if file is None and error.errno not in UNWRITABLE:
+        return None
+    verb = "write" if error.errno in UNWRITABLE else "use"
+    return f"cannot {verb}: {error.strerror}" if file is None else f"cannot {verb} '{file}': {error.strerror}"

@@ -235,19 +235,21 @@ def _entry(source: SourceFile, net: str, guessed: Sequence[str], size: NetworkSi
 
 def _publish(name: str, files: Sequence[Path], force: bool) -> Path:
     """Moves files into the catalog as one folder, all or nothing."""
-    catalog = user_catalog()
-    catalog.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=".import-", dir=catalog))
+    entry = user_catalog() / name
     try:
-        staging.chmod(0o755)
-        for file in files:
-            shutil.copyfile(file, staging / file.name)
-        if force and (catalog / name).exists():
-            os.replace(catalog / name, staging.with_name(staging.name + "-old"))
-        os.rename(staging, catalog / name)
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=".import-", dir=entry.parent))
+        old = staging.with_name(staging.name + "-old")
+        try:
+            staging.chmod(0o755)
+            for file in files:
+                shutil.copyfile(file, staging / file.name)
+            if force and entry.exists():
+                os.replace(entry, old)
+            os.rename(staging, entry)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+            shutil.rmtree(old, ignore_errors=True)
     except OSError as error:
-        raise InvalidInputError(f"cannot write '{catalog / name}': {error.strerror}") from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        shutil.rmtree(staging.with_name(staging.name + "-old"), ignore_errors=True)
-    return catalog / name
+        raise InvalidInputError(f"cannot write '{entry}': {error.strerror}") from error
+    return entry

@@ -14,15 +14,15 @@ from dohyo.agents.mcts.figure import draw_search
 from dohyo.evaluation.agent import Agent, Explanation, Observation
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.store import read_record, read_trajectory
+from dohyo.evaluation.records.store import read_trajectory, read_whole_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.report.road_map import drivable_lanes
 from dohyo.service.cli.output import console
+from dohyo.service.cli.output_file import check_output, write_output
 from dohyo.service.cli.trust import Policy, Trust, trusted_agents
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import Mission
 from dohyo.sumo_networks.units import TICK_S
 
@@ -67,7 +67,9 @@ def explain(
     trust: Trust = False,
 ) -> None:
     """Explains an agent's decision at one moment of a record, as JSON or as a picture of the search."""
-    old, tick = read_record(record), round(time / TICK_S)
+    if out is not None:
+        check_output(out)
+    old, tick = read_whole_record(record), round(time / TICK_S)
     name = _which(old, ego)
     why, trajectory = _redriven(old, name, tick, record, trusted_agents(old, record, trust, policy))
     if why is None:
@@ -75,14 +77,14 @@ def explain(
     if out is None:
         print(json.dumps(why, indent=1))
         return
+    agent = next(one.agent.name for one in old.egos if one.name == name)
     if "nodes" not in why:
-        raise InvalidInputError(f"'{record}': agent '{why.get('agent')}' has no search to draw; leave out --out")
+        raise InvalidInputError(f"'{record}': agent '{agent}' has no search to draw; leave out --out")
     index = [one.name for one in old.egos].index(name)
     boxes = _boxes(trajectory, tick, index)
-    agent = next(one.agent.name for one in old.egos if one.name == name)
     title = f"{agent} on {old.scenario.name}, seed {old.scenario.seed}, at {tick * TICK_S:.1f} s"
     figure = draw_search(why, boxes[0, :3].tolist(), drivable_lanes(old.scenario.network), boxes, title)
-    write_atomically(out, figure.to_html(include_plotlyjs=True, full_html=True).encode())
+    write_output(out, figure.to_html(include_plotlyjs=True, full_html=True).encode())
     console.print(f"explanation: {out.resolve()}")
 
 

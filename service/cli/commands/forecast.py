@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +14,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.service.cli.output import Json, console, number, print_json, print_rows
+from dohyo.service.cli.output_file import check_output, unwritable
 from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -130,6 +131,8 @@ def run(
     from dohyo.agents.forecasting.figures import now_figure
     from dohyo.agents.forecasting.now import forecast_now
 
+    if out is not None:
+        check_output(out)
     how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit)
     made_s, grown_at = -float("inf"), time.monotonic()
     while True:
@@ -198,21 +201,32 @@ def _write_figure(drawn: Any, path: Path | None) -> list[Path]:
 
 
 def _append(path: Path, forecast: Forecast, unit: str) -> list[Path]:
-    """Appends one line per step and segment; a new file begins with the names of the columns."""
+    """Appends one line per step and segment; a new file begins with the names of the columns.
+
+    Raises:
+        InvalidInputError: The file cannot be written.
+    """
+    try:
+        new = not path.exists()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a", newline="") as file:
+            writer = csv.writer(file)
+            if new:
+                writer.writerow(["made_at", "time", "segment", "speed", "low", "high", "unit"])
+            writer.writerows(_lines(forecast, unit))
+    except OSError as error:
+        raise unwritable(path, error) from error
+    return [path]
+
+
+def _lines(forecast: Forecast, unit: str) -> Iterator[list[str]]:
     from dohyo.agents.forecasting.data.speed_table import UNITS
 
-    new = not path.exists()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a", newline="") as file:
-        writer = csv.writer(file)
-        if new:
-            writer.writerow(["made_at", "time", "segment", "speed", "low", "high", "unit"])
-        for row, at in enumerate(forecast.times_s.tolist()):
-            for column, name in enumerate(forecast.segments):
-                ends = (forecast.ahead, forecast.low, forecast.high)
-                speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
-                writer.writerow([_moment(forecast.made_s), _moment(at), name, *speeds, unit])
-    return [path]
+    for row, at in enumerate(forecast.times_s.tolist()):
+        for column, name in enumerate(forecast.segments):
+            ends = (forecast.ahead, forecast.low, forecast.high)
+            speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
+            yield [_moment(forecast.made_s), _moment(at), name, *speeds, unit]
 
 
 def _moment(time_s: float) -> str:

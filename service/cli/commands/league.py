@@ -15,10 +15,10 @@ from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
 from dohyo.agents.league.rows import check_version, read_comparable_rows, read_league_rows, versions_of
 from dohyo.service.cli.output import console
+from dohyo.service.cli.output_file import write_output
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 
 DIFFERS = 1
 EditionFile = Annotated[Path, typer.Option("--edition", help="TOML file of disciplines and entrants.")]
@@ -63,7 +63,7 @@ def table(
     if out is None:
         print(text)  # Markdown, for files and pipes
     else:
-        write_atomically(out, text.encode())
+        write_output(out, text.encode())
         console.print(f"page: {out}")
 
 

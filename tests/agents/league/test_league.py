@@ -151,6 +151,13 @@ def test_a_row_is_driven_again_alone_with_its_seed_or_that_of_its_excerpt() -> N
     assert (again.only, again.even, again.seeds) == (("changing-lane.m02",), False, excerpts.seeds)
 
 
+def test_the_page_is_not_written_in_the_place_of_a_folder(driven: Path, edition: Path, tmp_path: Path) -> None:
+    arguments = ["league", "table", "--edition", str(edition), "--rows", str(driven)]
+    done = dohyo.invoke(app, [*arguments, "--out", str(tmp_path)])
+    assert isinstance(done.exception, InvalidInputError)
+    assert f"cannot write '{tmp_path}': expected a file, got a folder" in str(done.exception)
+
+
 def test_the_page_names_places_sources_and_sizes(driven: Path, edition: Path) -> None:
     text = dohyo.invoke(app, ["league", "table", "--edition", str(edition), "--rows", str(driven)]).output
     assert "| 1 | **reckless** |" in text

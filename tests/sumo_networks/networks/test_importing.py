@@ -335,6 +335,12 @@ def test_a_failed_replacement_leaves_the_old_network(osm: Path, tmp_path: Path) 
     assert load_network("kept").sha256 == before
 
 
+def test_a_catalog_that_cannot_be_written_is_one_error(home: Path) -> None:
+    home.write_text("a file in the place of the folder")
+    with pytest.raises(InvalidInputError, match=r"cannot write '.*/mine': "):
+        import_network(TOWN, "mine")
+
+
 # The command line
 
 

@@ -1,0 +1,40 @@
+"""Output files: what `--out` names, written complete or refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
+
+
+def check_output(path: Path) -> None:
+    """Checks, before work of minutes, that an output can be a file.
+
+    Raises:
+        InvalidInputError: The path is a folder.
+    """
+    try:
+        is_folder = path.is_dir()
+    except OSError as error:
+        raise unwritable(path, error) from error
+    if is_folder:
+        raise InvalidInputError(f"cannot write '{path}': expected a file, got a folder")
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Writes an output file, complete or not at all.
+
+    Raises:
+        InvalidInputError: The path is a folder, or cannot be written.
+    """
+    check_output(path)
+    try:
+        write_atomically(path, content)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def unwritable(path: Path, error: OSError) -> InvalidInputError:
+    """Error about a file that cannot be written."""
+    return InvalidInputError(f"cannot write '{path}': {error.strerror}")
