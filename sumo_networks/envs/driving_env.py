@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -72,9 +73,10 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
-            InvalidInputError: A name is unknown, or a mission is impossible.
+            InvalidInputError: A name is unknown, or a time limit or mission is impossible.
         """
         check_render_mode(render_mode)
+        check_time_limit(scenario)
         self.render_mode = render_mode
         self._overhead: Overhead | None = None
         self.scenario = scenario
@@ -301,6 +303,18 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             name: {sensor.name: sensor.read(world, self._index[name]) for sensor in self._sensors[name]}
             for name in names
         }
+
+
+def check_time_limit(scenario: Scenario) -> None:
+    """Raises InvalidInputError if a scenario's time limit is not a finite number of seconds above 0.
+
+    A scenario checks its fields when it is made, but not when it is copied with another limit.
+    """
+    limit_s = scenario.time_limit_s
+    if limit_s is not None and not 0.0 < limit_s < math.inf:
+        raise InvalidInputError(
+            f"scenario '{scenario.name}': expected a finite time_limit_s above 0, in seconds, got {limit_s}"
+        )
 
 
 def check_render_mode(mode: str | None) -> None:

@@ -17,6 +17,7 @@ from dohyo.sumo_networks.envs.driving_env import (
     DrivingEnv,
     SensorNames,
     check_render_mode,
+    check_time_limit,
 )
 from dohyo.sumo_networks.envs.process_vector_env import ProcessVectorEnv
 from dohyo.sumo_networks.envs.reward import make_reward
@@ -156,10 +157,12 @@ def count_egos(scenarios: ScenarioSource) -> int:
     """Number of egos of every scenario.
 
     Raises:
-        InvalidInputError: There is no scenario, or their numbers of egos differ.
+        InvalidInputError: There is no scenario, their numbers of egos differ, or a time limit is impossible.
     """
     if callable(scenarios):
         return len(scenarios(0).missions)
+    for scenario in scenarios:
+        check_time_limit(scenario)
     counts = sorted({len(scenario.missions) for scenario in scenarios})
     if len(counts) != 1:
         raise InvalidInputError(f"expected scenarios with the same number of egos, got {counts or 'no scenario'}")

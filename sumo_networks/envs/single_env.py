@@ -11,7 +11,13 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, RENDERING, DrivingEnv, SensorNames
+from dohyo.sumo_networks.envs.driving_env import (
+    DEFAULT_SENSORS,
+    RENDERING,
+    DrivingEnv,
+    SensorNames,
+    check_time_limit,
+)
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -136,10 +142,10 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
 
 
 def check_single(scenarios: Sequence[Scenario]) -> None:
-    """Checks that every scenario has exactly one ego.
+    """Checks that every scenario has exactly one ego, and a time limit that can pass.
 
     Raises:
-        InvalidInputError: No scenario is given, or a scenario has several egos.
+        InvalidInputError: No scenario is given, or a scenario has several egos or an impossible time limit.
     """
     if not scenarios:
         raise InvalidInputError("expected at least one scenario, got none")
@@ -148,3 +154,4 @@ def check_single(scenarios: Sequence[Scenario]) -> None:
             raise InvalidInputError(
                 f"scenario '{scenario.name}': expected one ego, got {len(scenario.missions)} (see DrivingEnv)"
             )
+        check_time_limit(scenario)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import gymnasium
@@ -14,6 +15,7 @@ from gymnasium.wrappers.vector import FlattenObservation as FlattenVectorObserva
 import dohyo
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.environments import single_scenarios
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -104,6 +106,18 @@ def test_every_episode_has_an_end() -> None:
         scenario.time_limit_s for scenario in load_benchmark("nocrash").scenarios([0])
     ], "the benchmark's own limits"
     assert all((scenario.time_limit_s or 0.0) > 300.0 for scenario in single_scenarios("quickstart"))
+
+
+@pytest.mark.parametrize("limit_s", [-1.0, math.nan, math.inf])
+def test_a_time_limit_that_cannot_pass_is_refused(limit_s: float) -> None:
+    says = f"expected a finite time_limit_s above 0, in seconds, got {limit_s}"
+    with pytest.raises(InvalidInputError, match=says):
+        gymnasium.make("dohyo/Quickstart-v0", time_limit_s=limit_s)
+    with pytest.raises(InvalidInputError, match=says):
+        dohyo.make_vec("quickstart", num_envs=1, time_limit_s=limit_s)
+    scenario = load_benchmark("quickstart").scenarios([0])[0].model_copy(update={"time_limit_s": limit_s})
+    with pytest.raises(InvalidInputError, match=says):
+        DrivingEnv(scenario)
 
 
 @pytest.mark.parametrize(
