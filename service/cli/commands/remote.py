@@ -41,6 +41,11 @@ TITLES = (
     | {one.key: f"{one.title}, {one.unit}" for one in METRICS}
 )
 NOT_DONE = 1
+UNRANKED: Final[Mapping[str, str]] = {
+    "lost_too_many": "a run that lost more than a tenth of its drives",
+    "other_version": "a run by another version of dohyo than the others, or by several,",
+    "baseline": "a baseline of the organiser",
+}
 PAGE = 500  # places in one answer: the most that a service gives
 FIRST_BENCHMARK: Final[Mapping[Family, str]] = {
     Family.DRIVING: "quickstart",
@@ -247,8 +252,10 @@ def leaderboard(
     if len(rows) < board["total"]:
         console.print(f"{len(rows)} of {board['total']} places", highlight=False)
     console.print(f"ranked by {board['description']}", highlight=False)
-    if any(row["lost_too_many"] for row in board["rows"]):
-        console.print("a run that lost more than a tenth of its drives has no rank", highlight=False)
+    reasons = {row["unranked"] for row in board["rows"]}
+    for reason, run in UNRANKED.items():
+        if reason in reasons:
+            console.print(f"{run} has no rank", highlight=False)
 
 
 def _board(page: Callable[..., LeaderboardView], most: int) -> LeaderboardView:

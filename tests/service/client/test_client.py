@@ -19,7 +19,7 @@ from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.service.challenges.driving import admit, complete, enter, make_challenge
+from tests.service.challenges.driving import VERSION, admit, complete, enter, make_challenge
 from tests.service.harness import Harness, finish
 from tests.service.policies import models
 from tests.service.serving import command
@@ -138,13 +138,14 @@ def test_the_board_of_a_phase_is_shown_from_its_first_place_to_its_last(
         caller = admit(wired, organiser, owner, team=f"team-{number}")
         caller.agent(f"agent-{number}")
         run = enter(caller, f"agent-{number}", ranking)["id"]
-        complete(wired.services.database, run, 10.0 * number)
+        complete(wired.services.database, run, 10.0 * number, dohyo=(VERSION,) if number else ("0.1.0",))
     places = ("leaderboard", "--ranking", ranking)
     whole, first = cli(wired, *places).stdout, cli(wired, *places, "--most", "3").stdout
     assert re.findall(r"team-\d", whole) == [f"team-{number}" for number in (4, 3, 2, 1, 0)]
     assert "places" not in whole
     assert re.findall(r"team-\d", first) == ["team-4", "team-3", "team-2"]
     assert "3 of 5 places" in first
+    assert ("another version of dohyo" in whole, "another version of dohyo" in first) == (True, False)
     board = json.loads(cli(wired, *places, "--json").stdout)
     assert ([one["agent"] for one in board["rows"]][-1], board["total"], board["next"]) == ("agent-0", 5, None)
     watched = cli(wired, "evaluations", "watch", run, owner="owner-4")
