@@ -25,6 +25,8 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names, find_family
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.families import Family
+from dohyo.evaluation.records.store import seal, write_record
+from dohyo.evaluation.running.manifest import MANIFEST, RECORDS
 from dohyo.evaluation.settings import check_settings
 from dohyo.service.cli import app
 from dohyo.service.cli.commands.evaluate import parse_settings
@@ -35,6 +37,7 @@ from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.networks.entries import builtin_names
 from dohyo.sumo_networks.sensors import SENSORS
+from tests.evaluation.builders import drive, episode
 from tests.test_context import table, text
 
 ROOT = Path(__file__).parents[1]
@@ -188,6 +191,32 @@ def test_every_path_named_exists(path: Path) -> None:
             assert (ROOT / name).exists() or (path.parent / name).exists(), name
         elif re.fullmatch(r"\w+\.(py|toml|yaml)", name):
             assert any(list(ROOT.glob(pattern + name)) for pattern in ("", *(f"{top}/**/" for top in FLOORS))), name
+
+
+@document
+def test_every_file_of_a_result_folder_is_one_that_driving_writes(path: Path) -> None:
+    for name, file in re.findall(r"\bout/([\w-]+)/[\w.-]+/([\w./-]+)", path.read_text()):
+        if name in benchmark_names(Family.DRIVING):
+            benchmark = load_benchmark(name)
+            stems = {f"{one.name}-s{one.seed}" for one in benchmark.scenarios(benchmark.seeds)}
+            assert file in {MANIFEST, RECORDS, *(f"{RECORDS}/{stem}.json" for stem in stems)}
+
+
+def test_the_page_of_evaluations_says_what_driving_writes() -> None:
+    does, *_ = table(text("docs/researchers/evaluating.md"), "command")["dohyo evaluate --agent NAME --benchmark NAME"]
+    assert set(inline(does)) == {f"{RECORDS}/", MANIFEST}
+
+
+def test_the_block_that_reads_records_reads_those_of_a_result_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "out/quickstart/autopilot"
+    write_record(folder / RECORDS, "west-s0", seal(episode(name="west")), drive())
+    (folder / MANIFEST).write_text("{}")
+    (block,) = fences(text("docs/researchers/evaluating.md"), "python")
+    monkeypatch.chdir(tmp_path)
+    exec(block, {})
+    assert capsys.readouterr().out == "west failed: agent ran out of time []\n"
 
 
 def test_the_readmes_environment_steps() -> None:

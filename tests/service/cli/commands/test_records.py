@@ -1,18 +1,22 @@
-"""`dohyo report` and `dohyo score` by the rules of the benchmark, on a hand-made record."""
+"""`dohyo report`, `dohyo score` and `dohyo verify` on hand-made records: rules, damaged files, few drives."""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, manifest_of
 from dohyo.service.cli import app
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, drive, ego, episode, infraction
 
 STRICT: Benchmark = load_benchmark("quickstart").model_copy(update={"name": "strict", "rules": "2.1"})
@@ -21,17 +25,23 @@ BY_RULES = {"1.0": 80.0 * 0.6 * 0.7, "2.0": 80.0 * 0.6 * 0.7, "2.1": 80.0 / (1.0
 dohyo = CliRunner()
 
 
+def driven(folder: Path, seeds: Sequence[int] = (0,), agent: AgentInfo = AGENT, flaws: int = 2) -> Path:
+    """A result folder of a benchmark with rules 2.1: one mission, with a collision and a red light in each drive."""
+    for seed in seeds:
+        scenario = STRICT.scenarios([seed])[0]
+        found = (infraction(InfractionKind.COLLISION_VEHICLE), infraction(InfractionKind.RED_LIGHT))[:flaws]
+        driver = ego(*found, name=scenario.missions[0].name, agent=agent)
+        made = episode(driver, benchmark=(STRICT.name, STRICT.sha256)).model_copy(update={"scenario": scenario})
+        write_record(folder / RECORDS, f"{scenario.name}-s{seed}", seal(made), drive())
+    manifest = manifest_of({"ego": agent}, STRICT, STRICT.sha256, (scenario.name,), seeds)
+    (folder / MANIFEST).write_text(manifest.model_dump_json())
+    return folder
+
+
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
-    """A record of a benchmark with rules 2.1, in its result folder."""
-    scenario = STRICT.scenarios([0])[0]
-    found = (infraction(InfractionKind.COLLISION_VEHICLE), infraction(InfractionKind.RED_LIGHT))
-    made = episode(ego(*found, name=scenario.missions[0].name), benchmark=(STRICT.name, STRICT.sha256))
-    path = write_record(
-        tmp_path / "run" / RECORDS, f"{scenario.name}-s0", seal(made.model_copy(update={"scenario": scenario})), drive()
-    )
-    manifest = manifest_of({"ego": AGENT}, STRICT, STRICT.sha256, (scenario.name,), [0])
-    (tmp_path / "run" / MANIFEST).write_text(manifest.model_dump_json())
+    """The record of such a folder."""
+    (path,) = (driven(tmp_path / "run") / RECORDS).glob("*.json")
     return path
 
 
@@ -55,3 +65,55 @@ def test_a_record_of_no_benchmark_here_is_scored_by_rules_2(record: Path, tmp_pa
     (tmp_path / "run" / MANIFEST).unlink()
     told = json.loads(dohyo.invoke(app, ["score", str(record), "--json"]).stdout)
     assert told["rules"] == "2.0"
+
+
+def truncate(table: Path) -> None:
+    table.write_bytes(table.read_bytes()[:-1])
+
+
+def swap(table: Path) -> None:
+    other = write_record(table.parents[2], "other", seal(episode(trajectory=drive(30))), drive(30))
+    other.with_suffix(".parquet").replace(table)
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, truncate, swap], ids=["missing", "truncated", "swapped"])
+def test_a_record_without_its_trajectories_is_refused_by_every_command(
+    damage: Callable[[Path], None], record: Path
+) -> None:
+    table = record.with_suffix(".parquet")
+    assert dohyo.invoke(app, ["verify", str(record), "--signature-only"]).exit_code == 0
+    damage(table)
+    page = record.parents[2] / "report.html"
+    for command in (
+        ("verify", record),
+        ("verify", record, "--signature-only"),
+        ("score", record),
+        ("report", record.parents[1], "--out", page),
+        ("explain", record, "--time", "1"),
+    ):
+        refused = dohyo.invoke(app, list(map(str, command))).exception
+        assert isinstance(refused, InvalidInputError), command
+        assert str(refused).startswith(f"{table}: "), command
+    assert not page.exists()
+
+
+@pytest.mark.parametrize(
+    ("seeds", "ends"),
+    [
+        ([0], "on 1 common drive, too few drives to decide"),
+        (range(5), "on 5 common drives, too few drives to decide"),
+        (range(6), "on 6 common drives, P(other > tester) > 0.999"),
+    ],
+)
+def test_few_drives_decide_nothing_and_have_no_probability(seeds: Sequence[int], ends: str, tmp_path: Path) -> None:
+    folders = [
+        driven(tmp_path / "other", seeds, AGENT.model_copy(update={"name": "other"}), flaws=0),
+        driven(tmp_path / "tester", seeds),
+    ]
+    done = dohyo.invoke(app, ["report", *map(str, folders), "--out", str(tmp_path / "report.html")])
+    assert done.exit_code == 0, done.output
+    sign = "=" if "too few" in ends else ">"
+    (said,) = re.findall(r"other [<=>] tester: .*", " ".join(done.output.split()).replace(" report:", "\n"))
+    assert said.startswith(f"other {sign} tester: driving score differs by ")
+    assert ends in said
+    assert ("P(" in said) == ("P(" in ends)
