@@ -60,6 +60,15 @@ class PatientDatabase:
 
         return await self._patiently(once, patient)
 
+    async def use(self, work: Callable[[Database], T], patient: bool = True) -> T:
+        """Does work that has its own transactions, in a thread; after a refusal all of it is done again.
+
+        Raises:
+            OperationalError: The database refuses, and the service has stopped or the caller is not patient.
+            OSError: The same.
+        """
+        return await self._patiently(lambda: work(self._database), patient)
+
     async def _patiently(self, once: Callable[[], T], patient: bool) -> T:
         for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
             try:

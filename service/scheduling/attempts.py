@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import func, select, update
+from sqlalchemy import ColumnElement, and_, func, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.running.job import MAX_ATTEMPTS
@@ -22,6 +22,25 @@ Who leaves a bad drive knows what comes when it is driven again.
 LONGEST_WHY = 2000
 LEAVING = (AttemptOutcome.WORKER_GONE, AttemptOutcome.GIVEN_BACK)
 UNCOUNTED = (AttemptOutcome.UNCLAIMED, AttemptOutcome.DRAINED)
+
+
+@dataclass(frozen=True, slots=True)
+class AttemptKey:
+    """Key of an attempt, which tells it from later ones of the same episode.
+
+    Attributes:
+        episode_id: Identifier of the episode.
+        number: Number among all attempts of the episode, whatever their outcome, from 1.
+    """
+
+    episode_id: str
+    number: int
+
+    @property
+    def is_latest(self) -> ColumnElement[bool]:
+        """Condition on `Episode`: it is the attempt's, and no later attempt has begun."""
+        latest = select(func.max(Attempt.number)).where(Attempt.episode_id == self.episode_id).scalar_subquery()
+        return and_(Episode.id == self.episode_id, latest == self.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +84,19 @@ class Tally:
         return self.deaths >= most_deaths or self.failures >= MAX_ATTEMPTS
 
 
-def begin(session: Session, episode: Episode) -> None:
+def begin(session: Session, episode: Episode) -> AttemptKey:
     """Adds the row of an attempt that starts now."""
     last = session.scalar(select(func.max(Attempt.number)).where(Attempt.episode_id == episode.id)) or 0
     session.add(Attempt(id=new_id("at"), episode_id=episode.id, number=last + 1))
+    return AttemptKey(episode.id, last + 1)
 
 
-def end(session: Session, episode_id: str, ended: AttemptEnd, charged: bool | None = None) -> None:
-    """Ends the running attempt of an episode; without effect where none runs.
+def end(session: Session, key: AttemptKey, ended: AttemptEnd, charged: bool | None = None) -> None:
+    """Ends a running attempt; without effect where it has ended.
 
     Args:
         session: Session to write in.
-        episode_id: Identifier of the episode.
+        key: Key of the attempt.
         ended: End of the attempt.
         charged: Whether it counts against the submission; None: as its outcome says.
     """
@@ -87,7 +107,8 @@ def end(session: Session, episode_id: str, ended: AttemptEnd, charged: bool | No
         "charged": ended.outcome in LEAVING if charged is None else charged,
         "processor_s": ended.processor_s,
     }
-    running = update(Attempt).where(Attempt.episode_id == episode_id, Attempt.ended.is_(None))
+    this = (Attempt.episode_id == key.episode_id, Attempt.number == key.number)
+    running = update(Attempt).where(*this, Attempt.ended.is_(None))
     session.execute(running.values(values).execution_options(synchronize_session=False))
 
 
@@ -116,7 +137,8 @@ def _has_second_try(session: Session, episode_id: str) -> bool:
     return left.index(episode_id) < SECOND_TRIES + int(SECOND_TRY_SHARE * episodes)
 
 
-def running_attempts(session: Session, evaluation_id: str) -> list[str]:
-    """Identifiers of an evaluation's episodes whose attempt runs."""
-    query = select(Attempt.episode_id).join(Episode, Episode.id == Attempt.episode_id)
-    return list(session.scalars(query.where(Episode.evaluation_id == evaluation_id, Attempt.ended.is_(None))))
+def running_attempts(session: Session, evaluation_id: str) -> list[AttemptKey]:
+    """Running attempts of an evaluation's episodes."""
+    query = select(Attempt.episode_id, Attempt.number).join(Episode, Episode.id == Attempt.episode_id)
+    found = session.execute(query.where(Episode.evaluation_id == evaluation_id, Attempt.ended.is_(None)))
+    return [AttemptKey(*row) for row in found]

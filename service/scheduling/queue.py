@@ -1,7 +1,8 @@
 """The queue of episodes in the database. Each function is one small transaction.
 
-A change of an episode names the status that it must have. A late change, such as the record of an episode that was
-cancelled or given to another process meanwhile, therefore has no effect, and no episode is counted twice.
+A change of an episode names its attempt, which must be the latest, and the episode must be running. A late change, such
+as the record of an episode that was cancelled meanwhile, or of one that is driven again, therefore has no effect, and
+no episode is counted twice.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from sqlalchemy import exists, func, select, update
+from sqlalchemy import ColumnElement, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import now
 from dohyo.service.evaluations.model import (
+    Attempt,
     AttemptOutcome,
     Episode,
     EpisodeStatus,
@@ -28,7 +30,7 @@ from dohyo.service.evaluations.model import (
 from dohyo.service.evaluations.versions import note_version
 from dohyo.service.running.order import agent_seed
 from dohyo.service.scheduling import attempts
-from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd
+from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd, AttemptKey
 from dohyo.service.submissions.model import AgentKind, Submission
 
 UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
@@ -60,11 +62,11 @@ class Ticket:
     """An episode taken from the queue.
 
     Attributes:
-        episode_id: Identifier of the episode.
+        key: Key of the attempt.
         waiting: Evaluation of the episode.
         position: Position in the benchmark's scenarios.
         stem: File name of its record, without suffix.
-        attempt: Number of the attempt, from 1.
+        attempt: Number of the attempt, from 1, without those that were not counted.
         used_up: Whether earlier attempts have used up those of the submission.
         info: AgentInfo of the submission, as a document.
         others: The same of the submissions that drive single egos of a mixed run, by ego.
@@ -76,7 +78,7 @@ class Ticket:
         agent_seed: See `EpisodeOrder`.
     """
 
-    episode_id: str
+    key: AttemptKey
     waiting: Waiting
     position: int
     stem: str
@@ -90,6 +92,11 @@ class Ticket:
     slow_policy: str
     act_deadline_s: float
     agent_seed: int
+
+    @property
+    def episode_id(self) -> str:
+        """Identifier of the episode."""
+        return self.key.episode_id
 
     @property
     def evaluation_id(self) -> str:
@@ -125,16 +132,13 @@ class Progress:
     ended: bool = False
 
 
-def waiting(session: Session) -> list[Waiting]:
-    """All evaluations with queued episodes, oldest first."""
-    queued = exists().where(Episode.evaluation_id == Evaluation.id, Episode.status == EpisodeStatus.QUEUED)
+def waiting(session: Session, live: Collection[str] = ()) -> list[Waiting]:
+    """All evaluations with queued episodes, oldest first; `live` is that of `take`."""
+    queued = exists().where(Episode.evaluation_id == Evaluation.id, *_free(live))
     found = session.scalars(
         select(Evaluation).where(Evaluation.status.in_(UNFINISHED), queued).order_by(Evaluation.created, Evaluation.id)
     )
-    return [
-        Waiting(one.id, one.owner, one.submission.kind, one.submission.agent.name, one.submission.version)
-        for one in found
-    ]
+    return [_waiting(one) for one in found]
 
 
 def queued_count(session: Session) -> int:
@@ -143,36 +147,42 @@ def queued_count(session: Session) -> int:
     return session.scalar(query.where(Episode.status == EpisodeStatus.QUEUED, Evaluation.status.in_(UNFINISHED))) or 0
 
 
-def take(session: Session, chosen: Waiting) -> Ticket | None:
+def take(session: Session, chosen: Waiting, live: Collection[str] = ()) -> Ticket | None:
     """Takes the next episode of an evaluation and begins an attempt; None: the queue is empty.
 
     Episodes of a remote agent come in a random order, so that their order tells a worker nothing.
+
+    Args:
+        session: Session to write in.
+        chosen: The evaluation.
+        live: Identifiers of episodes that are not taken, since the drive of an earlier attempt has not ended yet.
     """
     evaluation = session.get(Evaluation, chosen.evaluation_id, with_for_update={"of": Evaluation})
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
-    query = select(Episode).where(Episode.evaluation_id == evaluation.id, Episode.status == EpisodeStatus.QUEUED)
+    query = select(Episode).where(Episode.evaluation_id == evaluation.id, *_free(live))
     order = func.random() if chosen.kind is AgentKind.REMOTE else Episode.position
     episode = session.scalars(query.order_by(order).limit(1)).first()
     if episode is None:
         return None
     episode.status, episode.attempts, episode.started = EpisodeStatus.RUNNING, episode.attempts + 1, now()
-    attempts.begin(session, episode)
+    key = attempts.begin(session, episode)
     if evaluation.status is EvaluationStatus.QUEUED:
         evaluation.status, evaluation.started = EvaluationStatus.RUNNING, evaluation.started or now()
-    return _ticket(evaluation, episode, chosen, attempts.tally(session, episode.id).used_up)
+    return _ticket(episode, key, chosen, attempts.tally(session, episode.id).used_up)
+
+
+def undriven(session: Session, live: Collection[str] = ()) -> list[AttemptKey]:
+    """Latest attempts of running episodes, without the episodes that a task drives, by their identifiers."""
+    latest = select(Attempt.episode_id, func.max(Attempt.number)).join(Episode).join(Evaluation)
+    running = (Evaluation.status.in_(UNFINISHED), Episode.status == EpisodeStatus.RUNNING, Episode.id.not_in(live))
+    return [AttemptKey(*row) for row in session.execute(latest.where(*running).group_by(Attempt.episode_id))]
 
 
 def running(session: Session) -> list[Ticket]:
     """Episodes that were running when the service stopped."""
-    found = session.scalars(select(Episode).where(Episode.status == EpisodeStatus.RUNNING))
-    tickets = []
-    for episode in found:
-        one = episode.evaluation
-        submission = one.submission
-        chosen = Waiting(one.id, one.owner, submission.kind, submission.agent.name, submission.version)
-        tickets.append(_ticket(one, episode, chosen, used_up=False))
-    return tickets
+    found = [(session.get_one(Episode, key.episode_id), key) for key in undriven(session)]
+    return [_ticket(episode, key, _waiting(episode.evaluation), used_up=False) for episode, key in found]
 
 
 def unfinished(session: Session) -> list[str]:
@@ -188,10 +198,10 @@ def finish(
     ended: AttemptEnd,
     kept_bytes: int = 0,
 ) -> Progress | None:
-    """Stores an episode's record, with the size of its files; None: the episode no longer runs."""
+    """Stores an episode's record, with the size of its files; None: the attempt no longer runs."""
     changed = _change(
         session,
-        ticket.episode_id,
+        ticket.key,
         status=EpisodeStatus.DONE,
         record_hash=record_hash,
         kept_bytes=kept_bytes,
@@ -201,7 +211,7 @@ def finish(
     )
     if not changed:
         return None
-    attempts.end(session, ticket.episode_id, ended)
+    attempts.end(session, ticket.key, ended)
     progress = _settle(session, ticket.evaluation_id)
     note_version(session, ticket.evaluation_id, summary)
     return progress
@@ -219,31 +229,33 @@ def give_up(session: Session, ticket: Ticket, ended: AttemptEnd, most_deaths: in
     Returns:
         What follows; the progress, where the episode is lost.
     """
-    if not _change(session, ticket.episode_id, status=EpisodeStatus.RUNNING):
+    if not _change(session, ticket.key, status=EpisodeStatus.RUNNING):
         return Next.NOTHING, None
-    attempts.end(session, ticket.episode_id, ended)
+    attempts.end(session, ticket.key, ended)
     so_far = attempts.tally(session, ticket.episode_id)
     if ended.outcome in LEAVING and so_far.used_up:
         return Next.AGENT_FAULT, None
     if so_far.hopeless(most_deaths):
         why = f"{ended.why} (resume drives it once more)"[:LONGEST_FAILURE]
-        _change(session, ticket.episode_id, status=EpisodeStatus.LOST, failure=why, finished=now())
+        _change(session, ticket.key, status=EpisodeStatus.LOST, failure=why, finished=now())
         return Next.LOST, _settle(session, ticket.evaluation_id)
-    requeue(session, ticket.episode_id, ended)
+    requeue(session, ticket.key, ended)
     return Next.AGAIN, None
 
 
-def requeue(session: Session, episode_id: str, ended: AttemptEnd) -> None:
-    """Ends the attempt of a running episode and returns it to the queue; it is driven again from its seed."""
+def requeue(session: Session, key: AttemptKey, ended: AttemptEnd) -> None:
+    """Ends a running attempt and returns its episode to the queue; it is driven again from its seed."""
     count = Episode.attempts - 1 if ended.outcome in UNCOUNTED else Episode.attempts
     failure = ended.why[:LONGEST_FAILURE] if ended.why else None
-    if _change(session, episode_id, status=EpisodeStatus.QUEUED, attempts=count, failure=failure, started=None):
-        attempts.end(session, episode_id, ended)
+    if _change(session, key, status=EpisodeStatus.QUEUED, attempts=count, failure=failure, started=None):
+        attempts.end(session, key, ended)
 
 
 def fail(session: Session, ticket: Ticket, why: str, charged: Collection[str] = ()) -> Progress | None:
-    """Fails an evaluation that cannot be driven; None: it has ended already. `charged` is that of `cancel`."""
-    _change(session, ticket.episode_id, status=EpisodeStatus.CANCELLED, failure=why[:LONGEST_FAILURE], finished=now())
+    """Fails an evaluation that cannot be driven; None: the attempt no longer runs. `charged` is that of `cancel`."""
+    failed = {"status": EpisodeStatus.CANCELLED, "failure": why[:LONGEST_FAILURE], "finished": now()}
+    if not _change(session, ticket.key, **failed):
+        return None
     return _stop(session, ticket.evaluation_id, EvaluationStatus.FAILED, why, charged)
 
 
@@ -263,10 +275,21 @@ def settle(session: Session, evaluation_id: str) -> Progress | None:
     return _settle(session, evaluation_id)
 
 
-def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting, used_up: bool) -> Ticket:
+def _free(live: Collection[str]) -> tuple[ColumnElement[bool], ...]:
+    """Conditions on `Episode`: it is queued, and no task drives an earlier attempt."""
+    return Episode.status == EpisodeStatus.QUEUED, Episode.id.not_in(live)
+
+
+def _waiting(evaluation: Evaluation) -> Waiting:
+    submission = evaluation.submission
+    return Waiting(evaluation.id, evaluation.owner, submission.kind, submission.agent.name, submission.version)
+
+
+def _ticket(episode: Episode, key: AttemptKey, chosen: Waiting, used_up: bool) -> Ticket:
+    evaluation = episode.evaluation
     submission: Submission = evaluation.submission
     return Ticket(
-        episode_id=episode.id,
+        key=key,
         waiting=chosen,
         position=episode.position,
         stem=episode.id,
@@ -283,9 +306,9 @@ def _ticket(evaluation: Evaluation, episode: Episode, chosen: Waiting, used_up: 
     )
 
 
-def _change(session: Session, episode_id: str, **values: Any) -> bool:
-    """Changes a running episode; False: it is not running."""
-    wanted = update(Episode).where(Episode.id == episode_id, Episode.status == EpisodeStatus.RUNNING)
+def _change(session: Session, key: AttemptKey, **values: Any) -> bool:
+    """Changes the episode of a running attempt; False: it has ended, or a later one has begun."""
+    wanted = update(Episode).where(key.is_latest, Episode.status == EpisodeStatus.RUNNING)
     result: Any = session.execute(wanted.values(**values).execution_options(synchronize_session=False))
     return bool(result.rowcount)
 
@@ -343,8 +366,8 @@ def _stop(
     evaluation = session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
-    for episode_id in attempts.running_attempts(session, evaluation_id):
-        attempts.end(session, episode_id, AttemptEnd(AttemptOutcome.CANCELLED, why), episode_id in charged)
+    for key in attempts.running_attempts(session, evaluation_id):
+        attempts.end(session, key, AttemptEnd(AttemptOutcome.CANCELLED, why), key.episode_id in charged)
     unended = (EpisodeStatus.QUEUED, EpisodeStatus.RUNNING)
     wanted = update(Episode).where(Episode.evaluation_id == evaluation_id, Episode.status.in_(unended))
     values = {"status": EpisodeStatus.CANCELLED, "finished": now()}

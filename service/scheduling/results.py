@@ -17,6 +17,7 @@ from dohyo.service.scheduling.attempts import AttemptEnd
 from dohyo.service.scheduling.orders import Orders
 from dohyo.service.scheduling.queue import Next, Progress, Ticket
 from dohyo.service.settings import Settings
+from dohyo.service.storage.deletion import remove_records
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -44,7 +45,10 @@ class Results:
         self._settings, self._database, self._events, self._orders = settings, database, events, orders
 
     async def keep(self, ticket: Ticket, order: EpisodeOrder, processor_s: float) -> Outcome:
-        """Archives a finished record; a fault after which driving again may end otherwise is not a result."""
+        """Archives a finished record; a fault after which driving again may end otherwise is not a result.
+
+        Not to be cut off: a record in the archive that no episode names would stay there for ever.
+        """
         staged = order.directory / f"{order.stem}.json"
         try:
             record = await asyncio.to_thread(shelve, self._settings, staged, order.scenario)
@@ -69,6 +73,8 @@ class Results:
             lambda session: queue.finish(session, ticket, record.record_hash, summary, ended, kept)
         )
         await asyncio.to_thread(ensure_archived, self._settings, staged, record)
+        if progress is None:  # cancelled meanwhile; an equal record of another episode stays
+            await self._database.use(lambda database: remove_records(self._settings, database, [record.record_hash]))
         await self.tell(progress, ticket, "done")
 
     async def give_up(self, ticket: Ticket, outcome: Outcome, processor_s: float) -> Next:
@@ -87,7 +93,7 @@ class Results:
 
     async def requeue(self, ticket: Ticket) -> None:
         """Returns an episode to the queue without counting an attempt."""
-        await self._database.change(lambda session: queue.requeue(session, ticket.episode_id, DRAINED))
+        await self._database.change(lambda session: queue.requeue(session, ticket.key, DRAINED))
 
     def publish(self, ticket: Ticket, status: str, progress: Progress | None = None) -> None:
         """Tells the followers of an evaluation about one of its episodes."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -27,9 +28,10 @@ from dohyo.service.scheduling.dismissal import dismiss_workers
 from dohyo.service.scheduling.orders import Orders
 from dohyo.service.scheduling.queue import Next, Ticket, Waiting
 from dohyo.service.scheduling.recovery import recover
-from dohyo.service.scheduling.results import OUTCOMES, Results
+from dohyo.service.scheduling.results import DRAINED, OUTCOMES, Results
 from dohyo.service.scheduling.turns import Turns
 from dohyo.service.settings import Settings
+from dohyo.service.shielding import to_the_end
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.workers.lease import RemoteEpisode
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 2.0  # longest time between two looks at the queue
 RETRY_S = 1.0  # pause after a look that failed
+ABORT_S = 10.0  # longest wait for the end of cancelled drives
 USED_UP = "the worker left the episode, for which its submission has no attempt left"
 
 logger = logging.getLogger("dohyo.scheduler")
@@ -118,10 +121,8 @@ class Scheduler:
         self.begin_drain()
         if self._serving is not None:
             await asyncio.wait([self._serving])  # the episode that it is taking runs from then on, too
-        for live in [one for one in self._live.values() if one.unclaimed and one.task is not None]:
-            live.task.cancel()  # type: ignore[union-attr]
-        tasks = {live.task for live in self._live.values() if live.task is not None}
-        if tasks:
+        _cancel(_tasks(live for live in self._live.values() if live.unclaimed))
+        if tasks := _tasks(self._live.values()):
             await asyncio.wait(tasks, timeout=self._settings.drain_s)
 
     async def stop(self) -> None:
@@ -130,10 +131,8 @@ class Scheduler:
             return
         await self.drain()
         self._stopped = self._database.stopped = True
-        tasks = [*self._tasks, *(live.task for live in self._live.values() if live.task is not None)]
-        for task in tasks:
-            if not task.cancelling():  # one that is cancelled may be returning its episode: a second time cuts that off
-                task.cancel()
+        tasks = [*self._tasks, *_tasks(self._live.values())]
+        _cancel(tasks)
         await ended(tasks, logger)
         await asyncio.gather(*(process.close() for process in self._idle))
         self._idle.clear()
@@ -147,8 +146,8 @@ class Scheduler:
         progress = await self._database.change(
             lambda session: queue.cancel(session, evaluation_id, driven), patient=False
         )
-        self._abort(evaluation_id)
         if progress is not None:
+            await self._abort(evaluation_id)
             await self._results.tell(progress)
 
     def snapshot(self) -> dict[str, Any]:
@@ -169,6 +168,7 @@ class Scheduler:
         while not self._draining:
             self._woken.clear()
             try:
+                await self._requeue_undriven()
                 while not self._draining and (ticket := await self._take()) is not None:
                     live = self._live[ticket.episode_id] = Live(ticket)
                     self._turns.begin(ticket.waiting.owner)
@@ -182,17 +182,28 @@ class Scheduler:
             except TimeoutError:
                 continue
 
+    async def _requeue_undriven(self) -> None:
+        """Requeues running episodes that no task drives: they were taken, but the answer to the commit was lost.
+
+        Only the task that takes episodes can know that nobody is about to drive them.
+        """
+        live = list(self._live)
+        for key in await self._database.read(lambda session: queue.undriven(session, live), patient=False):
+            logger.warning("episode %s is running, but nobody drives it: it is queued again", key.episode_id)
+            await self._database.change(partial(queue.requeue, key=key, ended=DRAINED), patient=False)
+
     async def _take(self) -> Ticket | None:
-        """The next episode for a free process or worker."""
+        """The next episode for a free process or worker; none whose cancelled drive has not ended yet."""
+        live = list(self._live)
         candidates, self._queued = await self._database.read(
-            lambda session: (queue.waiting(session), queue.queued_count(session)), patient=False
+            lambda session: (queue.waiting(session, live), queue.queued_count(session)), patient=False
         )
         can_start = [one for one in candidates if self._has_room(one)]
         if not can_start:
             return None
         chosen = self._turns.next(can_start)
         # A refusal waits for the next look, since a drain waits for this one.
-        return await self._database.change(lambda session: queue.take(session, chosen), patient=False)
+        return await self._database.change(lambda session: queue.take(session, chosen, live), patient=False)
 
     def _has_room(self, one: Waiting) -> bool:
         """Whether a process is free for an evaluation, and a worker wants it.
@@ -255,7 +266,7 @@ class Scheduler:
             verdict = (Status.AGENT_DEADLINE, outcome.text)
             outcome = await self._in_process(order.model_copy(update={"verdict": verdict, "remote": False}), live)
         if outcome.end is End.FINISHED:
-            outcome = await self._results.keep(ticket, order, live.processor_s)
+            outcome = await to_the_end(self._results.keep(ticket, order, live.processor_s))
         if outcome.end is End.IMPOSSIBLE:
             await self._fail(ticket, outcome.text)
         elif outcome.end is not End.FINISHED:
@@ -287,7 +298,7 @@ class Scheduler:
                 self._idle.append(process)
             else:
                 process.kill()
-                await asyncio.shield(process.close())
+                await to_the_end(process.close())
         return outcome
 
     async def _process(self) -> EpisodeProcess:
@@ -304,22 +315,36 @@ class Scheduler:
         logger.warning("evaluation %s cannot be driven: %s", ticket.evaluation_id, why)
         driven = self._driven()
         progress = await self._database.change(lambda session: queue.fail(session, ticket, why, driven))
-        self._abort(ticket.evaluation_id, but=ticket.episode_id)
-        await self._results.tell(progress, ticket, "cancelled")
+        if progress is not None:
+            await self._abort(ticket.evaluation_id, but=ticket.episode_id)
+            await self._results.tell(progress, ticket, "cancelled")
 
     def _driven(self) -> list[str]:
         """Identifiers of episodes in which a worker has made a step."""
         return [one.ticket.episode_id for one in self._live.values() if one.remote is not None and one.remote.stepped]
 
-    def _abort(self, evaluation_id: str, but: str = "") -> None:
-        for live in self._live.values():
-            if live.ticket.evaluation_id == evaluation_id and live.ticket.episode_id != but and live.task is not None:
-                live.task.cancel()
+    async def _abort(self, evaluation_id: str, but: str = "") -> None:
+        """Ends the drives of an evaluation, and waits for their end: until then they write to its staging."""
+        of_it = [live for live in self._live.values() if live.ticket.evaluation_id == evaluation_id]
+        if tasks := _tasks(live for live in of_it if live.ticket.episode_id != but):
+            _cancel(tasks)
+            await asyncio.wait(tasks, timeout=ABORT_S)
 
     async def _sweep(self) -> None:
         while True:
             await asyncio.sleep(SWEEP_S)
             self.leases.sweep()
+
+
+def _tasks(lives: Iterable[Live]) -> list[asyncio.Task[None]]:
+    return [live.task for live in lives if live.task is not None]
+
+
+def _cancel(tasks: Iterable[asyncio.Task[None]]) -> None:
+    """Cancels tasks once: one that is cancelled may be returning its episode, and a second time cuts that off."""
+    for task in tasks:
+        if not task.cancelling():
+            task.cancel()
 
 
 def _without_culprit(order: EpisodeOrder, outcome: Outcome) -> EpisodeOrder | None:

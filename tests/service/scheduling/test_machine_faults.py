@@ -10,9 +10,7 @@ import os
 import signal
 import subprocess
 import threading
-import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import Iterator
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -20,19 +18,19 @@ from typing import Any
 
 import pytest
 from pydantic import SecretStr
-from sqlalchemy import create_engine, text
+from sqlalchemy import create_engine, select, text
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from dohyo.service.database import patience
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
-from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.scheduling import queue, results, scheduler
 from dohyo.service.scheduling.queue import Ticket
-from dohyo.service.scheduling.scheduler import Scheduler
-from dohyo.service.state import Broadcast
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
+from tests.service.scheduling.scheduled import Stop, scheduled, submit, until
 from tests.service.served import PATIENCE_S, STEADY, Service, info_of, short, wait_until
 from tests.service.workers.wire_worker import hire
 
@@ -47,27 +45,6 @@ def shop(tmp_path: Path, database_url: str) -> Iterator[Service]:
     kept.close()
 
 
-@asynccontextmanager
-async def scheduled(shop: Service) -> AsyncIterator[Scheduler]:
-    """A scheduler that loses its patience with the database soon."""
-    database = Database(shop.settings.database_url, busy_s=0.3)
-    scheduler = Scheduler(shop.settings, database, Broadcast())
-    await scheduler.start()
-    try:
-        yield scheduler
-    finally:
-        await scheduler.stop()
-        database.close()
-
-
-async def until(true: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
-    """Waits until something holds, on the event loop."""
-    ends = time.monotonic() + patience_s
-    while not await asyncio.to_thread(true):
-        assert time.monotonic() < ends, "it does not happen"
-        await asyncio.sleep(0.05)
-
-
 @contextlib.contextmanager
 def locked(shop: Service) -> Iterator[None]:
     """Somebody else writes, and does not end."""
@@ -80,24 +57,6 @@ def locked(shop: Service) -> Iterator[None]:
         yield
         connection.execute(text("ROLLBACK")) if sqlite else connection.rollback()
     engine.dispose()
-
-
-def submit(shop: Service, name: str, missions: int = 1, owner: str = "owner") -> str:
-    info = info_of(STEADY).model_copy(update={"name": name})
-    return shop.submit(info, short(missions), kind=AgentKind.BUILTIN, owner=owner)
-
-
-class Stop:
-    """A step of the scheduler that stands still at its next call until it may go on."""
-
-    def __init__(self, real: Callable[..., Any]) -> None:
-        self.reached, self.may_go_on = threading.Event(), threading.Event()
-        self._real = real
-
-    def __call__(self, *arguments: Any) -> Any:
-        self.reached.set()
-        assert self.may_go_on.wait(PATIENCE_S)
-        return self._real(*arguments)
 
 
 def test_a_locked_database_delays_a_start_and_a_result_and_loses_none(
@@ -343,3 +302,32 @@ def test_a_cancellation_before_an_episode_takes_its_first_step_frees_its_place(
 
     monkeypatch.setattr(asyncio, "create_task", cancelled_at_once)
     asyncio.run(main())
+
+
+def test_an_episode_whose_taking_was_committed_without_an_answer_is_driven(
+    shop: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The connection breaks between the commit and its answer, so that the scheduler does not know of the episode."""
+    monkeypatch.setattr(scheduler, "LOOK_S", 0.1)
+    monkeypatch.setattr(scheduler, "RETRY_S", 0.1)
+    real, broken = Database.session, list[bool]()
+    evaluation = submit(shop, "steady", missions=2)
+
+    @contextlib.contextmanager
+    def unanswered(database: Database) -> Iterator[Session]:
+        with real(database) as session:
+            yield session
+            takes = bool(session.scalars(select(Attempt).where(Attempt.ended.is_(None))).first())
+        if takes and not broken:
+            broken.append(True)
+            raise OperationalError("COMMIT", {}, RuntimeError("server closed the connection unexpectedly"))
+
+    monkeypatch.setattr(Database, "session", unanswered)
+
+    async def main() -> None:
+        async with scheduled(shop):
+            await until(lambda: shop.evaluation(evaluation).status.finished, patience_s=60.0)
+
+    asyncio.run(main())
+    assert [(one.status, one.attempts) for one in shop.episodes(evaluation)] == [(EpisodeStatus.DONE, 1)] * 2
+    assert [one.outcome for one in shop.attempts(evaluation)] == ["drained", "done", "done"]

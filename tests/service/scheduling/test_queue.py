@@ -79,7 +79,7 @@ def test_a_result_counts_once(shop: Service) -> None:
     with shop.database.session() as session:
         assert queue.finish(session, ticket, "b" * 64, {}, DONE) is None
         assert queue.give_up(session, ticket, ended(AttemptOutcome.MACHINE, "late"), 10) == (Next.NOTHING, None)
-        queue.requeue(session, ticket.episode_id, ended(AttemptOutcome.MACHINE, "late"))
+        queue.requeue(session, ticket.key, ended(AttemptOutcome.MACHINE, "late"))
     assert shop.episodes(evaluation)[0].record_hash == "a" * 64
 
 
@@ -128,12 +128,43 @@ def test_a_cancelled_evaluation_takes_no_late_result_and_can_be_resumed(shop: Se
     ]
 
 
+def test_what_comes_late_from_a_cancelled_attempt_changes_nothing_of_the_next_one(shop: Service) -> None:
+    """The evaluation is resumed before the old attempt's end: its episode runs again."""
+    evaluation = submit(shop, missions=1)
+    old = taken(shop, evaluation)
+    with shop.database.session() as session:
+        queue.cancel(session, evaluation)
+        resume(session, session.get_one(Evaluation, evaluation))
+    new = taken(shop, evaluation)
+    with shop.database.session() as session:
+        assert queue.finish(session, old, "a" * 64, {}, DONE) is None
+        assert queue.give_up(session, old, ended(AttemptOutcome.MACHINE), 10) == (Next.NOTHING, None)
+        assert queue.fail(session, old, "cannot be driven") is None
+        queue.requeue(session, old.key, ended(AttemptOutcome.DRAINED))
+    assert [(one.status, one.attempts) for one in shop.episodes(evaluation)] == [(EpisodeStatus.RUNNING, 2)]
+    assert outcomes(shop) == [(1, "cancelled", False), (2, None, False)]
+    with shop.database.session() as session:
+        assert queue.finish(session, new, "b" * 64, {}, DONE) is not None
+
+
+def test_an_episode_that_is_still_driven_is_not_taken(shop: Service) -> None:
+    evaluation = submit(shop, missions=2)
+    first, second = shop.episodes(evaluation)
+    with shop.database.session() as session:
+        (chosen,) = queue.waiting(session, [first.id])
+        ticket = queue.take(session, chosen, [first.id])
+        assert ticket is not None
+        assert ticket.episode_id == second.id
+        assert queue.waiting(session, [first.id]) == []
+        assert queue.take(session, chosen, [first.id]) is None
+
+
 def test_an_attempt_that_the_service_cut_off_is_not_counted(shop: Service) -> None:
     evaluation = submit(shop, missions=1)
     for outcome, attempts in ((AttemptOutcome.DRAINED, 0), (AttemptOutcome.MACHINE, 1)):
         ticket = taken(shop, evaluation)
         with shop.database.session() as session:
-            queue.requeue(session, ticket.episode_id, ended(outcome, "why"))
+            queue.requeue(session, ticket.key, ended(outcome, "why"))
         (episode,) = shop.episodes(evaluation)
         assert (episode.status, episode.attempts, episode.failure) == (EpisodeStatus.QUEUED, attempts, "why")
     assert taken(shop, evaluation).attempt == 2
