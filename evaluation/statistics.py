@@ -1,9 +1,9 @@
 """Means with 95 % intervals, and paired comparisons.
 
-Intervals are percentile bootstraps, except where resampling shows no spread: a share of successes has Wilson's
-interval, and a rate without any event has Poisson's. 30 successes of 30, or no collision in 10 km, do not prove
-perfection. Values are sorted before they are resampled and the seed of the generator is fixed: an estimate depends on
-the values alone, not on their order.
+Intervals are percentile bootstraps, except where resampling shows no spread, or too little: a share of successes has
+Wilson's interval, a rate without any event has Poisson's, and a mean of very few values has Student's. 30 successes of
+30, or no collision in 10 km, do not prove perfection. Values are sorted before they are resampled and the seed of the
+generator is fixed: an estimate depends on the values alone, not on their order.
 """
 
 from __future__ import annotations
@@ -74,6 +74,28 @@ def mean_estimate(values: Sequence[float], *, n_resamples: int = N_RESAMPLES, se
     if n == 0:
         return Estimate(None, None, None, 0)
     return _estimate(math.fsum(values) / n, _resampled_sums(column, n_resamples, seed)[:, 0] / n, n)
+
+
+def student_estimate(values: Sequence[float]) -> Estimate:
+    """Mean of independent values, with Student's interval, which also holds for two or three.
+
+    The bootstrap of three values ends at the smallest and the largest one, and held the mean of normal values in 75 %
+    of a thousand draws.
+
+    Source: Student 1908.
+
+    Raises:
+        InvalidInputError: If a value is not finite.
+    """
+    from scipy.special import stdtrit  # type: ignore[import-untyped]  # slow to import: only if needed
+
+    column = _columns(values)[:, 0]
+    n = len(column)
+    if n < 2:
+        return mean_estimate(values)
+    mean = math.fsum(values) / n
+    half = float(stdtrit(n - 1, _TAILS[1])) * float(np.std(column, ddof=1)) / math.sqrt(n)
+    return Estimate(mean, mean - half, mean + half, n)
 
 
 def share_estimate(successes: Sequence[bool]) -> Estimate:

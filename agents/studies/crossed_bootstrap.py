@@ -3,9 +3,11 @@
 An interval is over both: a crossed bootstrap, in which the scenarios and the seeds of the training are both drawn with
 replacement, each value counting as often as its scenario times its training was drawn (the pigeonhole bootstrap; Owen
 2007). With one training, the values count as independent. If all values are equal, resampling gives no interval, and
-the values count as independent, one per scenario. Three trainings say little about the spread of trainings:
+the values count as independent, one per scenario. With one scenario, such as a return of the training itself, the
+interval is Student's over trainings. Three trainings say little about the spread of trainings:
 in simulated studies with 40 scenarios, 95 % intervals held the truth in 95 % of cases where trainings differ little,
-but in 83 % where they differ as much as scenarios do; in 88 % with five trainings, and in 93 % with ten.
+but in 83 % where they differ as much as scenarios do; in 88 % with five trainings, and in 93 % with ten. With two
+trainings and 25 scenarios they held it in 77 %.
 
 A p-value is no bootstrap's, since a correction over fifty claims asks for tails that a bootstrap of a dozen scenarios
 has too thin: see `p_value`.
@@ -21,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from dohyo.evaluation.significance import random_effects, sign_flips
-from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, mean_estimate, share_estimate
+from dohyo.evaluation.statistics import N_RESAMPLES, SEED, Estimate, mean_estimate, share_estimate, student_estimate
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 
 Matched = Mapping[tuple[Any, ...], Mapping[int | None, float]]
@@ -49,6 +51,8 @@ def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate] = me
     if values.min() == values.max():
         found = alone([float(values[0])] * len(table))
         return Estimate(found.mean, found.low, found.high, len(values))
+    if len(table) == 1:
+        return student_estimate(values.tolist())
     low, high = np.quantile(_crossed(table, N_RESAMPLES), _TAILS)
     return Estimate(float(values.mean()), float(low), float(high), len(values))
 

@@ -19,14 +19,13 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit  # type: ignore[import-untyped]
 
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.study import FIRST, Results
 from dohyo.agents.studies.trained import Columns, columns
 from dohyo.evaluation.report.style import MISSING, interval, markdown
-from dohyo.evaluation.statistics import Estimate
+from dohyo.evaluation.statistics import Estimate, student_estimate
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -171,9 +170,10 @@ def over_seeds(seeds: Sequence[Estimate], measure: str) -> Estimate:
         ends = [(one.low, one.high) for one in seeds if one.low is not None and one.high is not None]
         low, high = (min(low for low, _ in ends), max(high for _, high in ends)) if ends else (None, None)
         return Estimate(mean, low, high, n)
-    half = float(stdtrit(n - 1, 0.975)) * float(np.std(values, ddof=1)) / math.sqrt(n)
     least, most = BOUNDS.get(measure, (-math.inf, math.inf))
-    return Estimate(mean, max(mean - half, least), min(mean + half, most), n)
+    found = student_estimate(values)
+    low, high = (None if end is None else min(max(end, least), most) for end in (found.low, found.high))
+    return Estimate(mean, low, high, n)
 
 
 def course(runs: Sequence[TrainingRun], measure: str) -> tuple[FloatArray, list[Estimate]]:

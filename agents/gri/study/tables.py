@@ -64,12 +64,12 @@ def shares(results: Results) -> str:
             told = ARMS[arm].told if arm in ARMS else "expert"
             completed = mean_of((row for row in mine if "completed" in row), arm, "completed")
             lines.append([found.env, told, *_trained(mine), mean_of(mine, arm, "return"), completed])
-    heads = ["task", "arm", "trainings", "steps", "demonstrations in the replay, %", "return", "route completed, %"]
+    heads = ["task", "arm", "trainings", "steps", "weight of demonstrations in the replay, %", "return", "route completed, %"]
     return markdown(heads, lines) if lines else ""
 
 
 def _trained(rows: Sequence[Row]) -> list[str]:
-    """Trainings, steps and mean share of demonstrations in the replay."""
+    """Trainings, steps and mean weight of demonstrations in the replay: of their steps, or of their priorities."""
     trainings = {row["training_seed"]: row for row in rows}
     steps = f"{rows[0]['steps']:,}" if rows[0]["steps"] else MISSING
     if None in trainings:

@@ -26,6 +26,15 @@ def test_the_crossed_bootstrap_knows_how_far_trainings_and_scenarios_differ():
     assert (by_training.mean, by_training.low, by_training.high) == pytest.approx((50.0, 0.0, 100.0))
 
 
+@pytest.mark.parametrize(("trainings", "quantile"), [(2, 12.706205), (3, 4.302653), (10, 2.262157)])
+def test_trainings_in_one_place_have_students_interval(trainings, quantile):
+    values = [float(i * i) for i in range(trainings)]
+    found = crossed_bootstrap.estimate({("early",): dict(enumerate(values))}, mean_estimate)
+    half = quantile * np.std(values, ddof=1) / trainings**0.5
+    assert (found.low, found.high) == pytest.approx((np.mean(values) - half, np.mean(values) + half))
+    assert (found.mean, found.n) == (np.mean(values), trainings)
+
+
 def test_a_mean_is_over_the_drives_that_are_there():
     holes = {("b", "m0", 0): {0: 100.0, 1: 0.0}, ("b", "m1", 0): {1: 0.0}, ("b", "m2", 0): {0: 100.0, 1: 100.0}}
     found = crossed_bootstrap.estimate(holes, mean_estimate)
