@@ -148,7 +148,8 @@ def _solved(gram: FloatArray, inputs: FloatArray, targets: FloatArray) -> FloatA
     A missing target is what the weights so far say, at first 0. Each round leaves of the error that this makes at most
     the share of missing targets. Exact weights would ask for a Gram matrix per target.
     """
-    known, weights = np.isfinite(targets), np.zeros((len(gram), targets.shape[1]))
+    known = np.isfinite(targets)
+    weights: FloatArray = np.zeros((len(gram), targets.shape[1]))
     for _ in range(1 if known.all() else ROUNDS):
         filled = np.where(known, targets, inputs @ weights)
         weights = np.linalg.solve(gram, inputs.T @ filled / len(inputs))
