@@ -152,5 +152,5 @@ def _solved(gram: FloatArray, inputs: FloatArray, targets: FloatArray) -> FloatA
     weights: FloatArray = np.zeros((len(gram), targets.shape[1]))
     for _ in range(1 if known.all() else ROUNDS):
         filled = np.where(known, targets, inputs @ weights)
-        weights = np.linalg.solve(gram, inputs.T @ filled / len(inputs))
+        weights = np.asarray(np.linalg.solve(gram, inputs.T @ filled / len(inputs)), dtype=np.float64)
     return weights
