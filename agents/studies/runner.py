@@ -1,7 +1,7 @@
 """Runner: runs the cells of a study over processes, and appends a row per cell; the same call resumes.
 
 A row is on the disk before the next job begins. A cell whose simulation failed or whose process died is a row that says
-so, and the next call runs it again.
+so, and the next call runs it again. Jobs that need the same training never train it at the same time.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import os
 import signal
 import threading
 import traceback
-from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -30,6 +29,8 @@ from dohyo.sumo_networks.processes import worker_pool
 Job = Sequence[Cell]
 Work = Callable[[Job], Iterable[Row]]
 Progress = Callable[[int, int, Job], None]
+Trainings = Callable[[Cell], Collection[str]]
+"""Names of the trainings that the work on a cell begins, unless they are done."""
 Found = list[Row] | str
 """Rows of a job, or the reason why it was lost."""
 NOTHING, DIED = "the work returned no row", "the process died"
@@ -42,6 +43,7 @@ def run(
     *,
     workers: int = 1,
     together: Callable[[Cell], Hashable] = lambda cell: cell,
+    trainings: Trainings = lambda cell: (),
     fresh: bool = False,
     progress: Progress = lambda done, total, job: None,
 ) -> None:
@@ -54,11 +56,13 @@ def run(
             that differ within the job. Must be picklable if there are processes.
         workers: Number of processes; 1: this process.
         together: Key of the job of a cell; by default each cell is a job.
+        trainings: Of a cell. One job at a time works on a training that is not done; the others that need it wait.
         fresh: Whether each job gets a process of its own, since it leaves global state behind.
         progress: Called with the number of cells that have a row, their total, and the job that has just ended.
 
     Raises:
-        InvalidInputError: Another process writes to the same folder, or the work cannot be done at all.
+        InvalidInputError: Another process writes to the same folder, or the work cannot be done at all. Jobs that were
+                running end first, and have their rows.
     """
     wanted = list(dict.fromkeys(cells))
     with held(path.parent, "study"):
@@ -71,7 +75,7 @@ def run(
                 jobs.setdefault(together(cell), []).append(cell)
         done = len(wanted) - sum(map(len, jobs.values()))
         with path.open("ab") as file, _stopped_by_sigterm():
-            for job, found in _worked(list(jobs.values()), work, workers, fresh):
+            for job, found in _worked(_Queue(jobs.values(), trainings), work, workers, fresh):
                 file.write(_lines(_rows(job, found)))
                 file.flush()
                 os.fsync(file.fileno())
@@ -93,14 +97,39 @@ def _lines(rows: Iterable[Row]) -> bytes:
     return "".join(json.dumps(row) + "\n" for row in rows).encode()
 
 
-def _worked(jobs: Sequence[Job], work: Work, workers: int, fresh: bool) -> Iterator[tuple[Job, Found]]:
+class _Queue:
+    """Jobs that have not begun, in order."""
+
+    def __init__(self, jobs: Iterable[Job], trainings: Trainings) -> None:
+        self.jobs = list(jobs)
+        self._trainings = trainings
+        self._trained: set[str] = set()
+
+    def take(self, going: Iterable[Job]) -> Job | None:
+        """Removes the first job that may begin beside those that are going on; None: all that are left must wait."""
+        busy = {name for job in going for name in self._needs(job)} - self._trained
+        for number, job in enumerate(self.jobs):
+            if busy.isdisjoint(self._needs(job)):
+                return self.jobs.pop(number)
+        return None
+
+    def note(self, job: Job, found: Found) -> None:
+        """Takes the trainings of a job that has ended as done, unless it was lost: it may have been in one."""
+        if not isinstance(found, str):
+            self._trained |= self._needs(job)
+
+    def _needs(self, job: Job) -> set[str]:
+        return {name for cell in job for name in self._trainings(cell)}
+
+
+def _worked(queue: _Queue, work: Work, workers: int, fresh: bool) -> Iterator[tuple[Job, Found]]:
     """Each job with its rows, or with the reason why it was lost, as they end."""
     if workers == 1 and not fresh:
-        yield from ((job, _attempt(work, job)) for job in jobs)
+        yield from ((job, _attempt(work, job)) for job in queue.jobs)
         return
-    waiting, suspects = deque(jobs), list[Job]()
-    while waiting:
-        yield from _until_a_process_dies(waiting, suspects, work, workers, fresh)
+    suspects = list[Job]()
+    while queue.jobs:
+        yield from _until_a_process_dies(queue, suspects, work, workers, fresh)
     for job in suspects:  # alone, so that none is lost because of another
         with _pool(1, fresh) as pool:
             try:
@@ -110,26 +139,34 @@ def _worked(jobs: Sequence[Job], work: Work, workers: int, fresh: bool) -> Itera
 
 
 def _until_a_process_dies(
-    waiting: deque[Job], suspects: list[Job], work: Work, workers: int, fresh: bool
+    queue: _Queue, suspects: list[Job], work: Work, workers: int, fresh: bool
 ) -> Iterator[tuple[Job, Found]]:
-    """Jobs as they end; those that were running when a process died become suspects."""
+    """Jobs as they end; those that were running when a process died become suspects; an error ends the queue."""
     going: dict[Future[Found], Job] = {}
-    broken = False
+    broken, stopped_by = False, None
     with _pool(workers, fresh) as pool:
-        while (waiting or going) and not broken:
+        while (queue.jobs or going) and not broken:
             # No more are submitted than there are workers: a broken pool loses all that it was given.
-            while waiting and len(going) < workers and not broken:
-                job = waiting.popleft()
+            while len(going) < workers and not broken and (job := queue.take(going.values())):
                 try:
                     going[pool.submit(_attempt, work, job)] = job
                 except BrokenProcessPool:  # it died between two jobs
-                    waiting.appendleft(job)
+                    queue.jobs.insert(0, job)
                     broken = True
             for future in wait(going, timeout=0 if broken else None, return_when=FIRST_COMPLETED).done:
-                if isinstance(future.exception(), BrokenProcessPool):
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
                     broken = True
+                elif error is not None:  # the jobs beside it end first, since their rows may be hours of work
+                    stopped_by = stopped_by or error
+                    queue.jobs.clear()
+                    going.pop(future)
                 else:
-                    yield going.pop(future), future.result()
+                    job, found = going.pop(future), future.result()
+                    queue.note(job, found)
+                    yield job, found
+    if stopped_by is not None:
+        raise stopped_by
     suspects += going.values()
 
 

@@ -16,7 +16,7 @@ from dohyo.agents.learning.files.surroundings import surroundings
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
 from dohyo.agents.studies.rows import Row, is_lost, read_rows
-from dohyo.agents.studies.runner import Job, Progress, run
+from dohyo.agents.studies.runner import Job, Progress, Trainings, run
 from dohyo.agents.studies.tables import PAGE
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -64,6 +64,8 @@ class Study(Generic[O]):
         work: Measures of the cells of one job; at the top of a module, since processes import it.
         tables: Sections of the page, each from the stored results; "" where the rows of a section are missing.
         together: Key of the job of a cell.
+        trainings: Names of the trainings that the job of a cell begins, unless they are done; needed where several jobs
+            have one, since two processes cannot train in the same folder.
         prepare: Makes what all cells need; called once before the first cell, with the cells and the number of workers.
         fresh: Whether each job gets a process of its own.
         phase: Phase of a cell; a phase begins when the one before has ended.
@@ -81,6 +83,7 @@ class Study(Generic[O]):
     work: Callable[[O, Job], Iterable[Row]]
     tables: Mapping[str, Callable[[Results], str]]
     together: Callable[[Cell], Hashable] = lambda cell: cell
+    trainings: Trainings = lambda cell: ()
     prepare: Callable[[O, Sequence[Cell], int], None] = lambda options, cells, workers: None
     fresh: bool = False
     phase: Callable[[Cell], int] = lambda cell: 0
@@ -141,7 +144,16 @@ class Study(Generic[O]):
         _write_facts(out, origin)
         work = partial(self.work, options)
         for _, some in groupby(sorted(cells, key=self.phase), self.phase):
-            run(out / ROWS, some, work, workers=workers, together=self.together, fresh=self.fresh, progress=progress)
+            run(
+                out / ROWS,
+                some,
+                work,
+                workers=workers,
+                together=self.together,
+                trainings=self.trainings,
+                fresh=self.fresh,
+                progress=progress,
+            )
         _write_facts(out, {**origin, **self.facts(options)})
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dohyo.agents.learning.runs.memory import keep_freed_memory
+from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
@@ -49,6 +50,11 @@ class TrainedOptions(Config):
         if not (folder / policy).exists():
             raise SimulationError(f"no policy in '{folder}' so far")
         return folder / policy
+
+
+def own_trainings(cell: Cell) -> tuple[str, ...]:
+    """Training of a cell, ARM/seed-N, for a study whose arms have trainings of their own; empty without one."""
+    return () if cell.training_seed is None else (f"{cell.arm}/seed-{cell.training_seed}",)
 
 
 def result_of(folder: Path, *names: str) -> Row:

@@ -24,7 +24,7 @@ from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.samples import Sample, scenario_of
 from dohyo.agents.studies.study import Study
-from dohyo.agents.studies.trained import TrainedOptions, columns, result_of
+from dohyo.agents.studies.trained import TrainedOptions, columns, own_trainings, result_of
 from dohyo.agents.studies.training_results import BENCHMARK as TRAINING
 from dohyo.evaluation.agent import make_agent
 from dohyo.sumo_networks.arrays import FloatArray
@@ -61,6 +61,7 @@ def study_of(
         work=partial(work, name, trainer, dict(arms)),
         tables=tables_of(arms, claims),
         together=lambda cell: (cell.arm, cell.training_seed, cell.scenario.rpartition(".")[0]),
+        trainings=own_trainings,
         fresh=True,
         judged=judged(claims),
     )

@@ -24,7 +24,7 @@ from dohyo.agents.studies.arms import TRAININGS, Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Study
-from dohyo.agents.studies.trained import TrainedOptions, columns, result_of
+from dohyo.agents.studies.trained import TrainedOptions, columns, own_trainings, result_of
 
 BLOCKS: Final = 20
 """Rows of each training and benchmark: 2,000 lots."""
@@ -82,6 +82,7 @@ STUDY = Study(
     work=work,
     tables={"arms": tables.arms_table, "claims": tables.claims},
     together=lambda cell: (cell.arm, cell.training_seed, cell.benchmark),
+    trainings=own_trainings,
     fresh=True,
     judged=tables.judged,
 )

@@ -126,12 +126,18 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     (cell,) = job
     arm, policy = ARMS[cell.arm], None
     if arm.planned is not None:
-        name = "hybrid" if arm.planned else "open"
-        policy = options.trained(f"{name}/seed-{cell.training_seed}", lambda folder: _train(options, cell, folder))
+        (name,) = trainings(cell)
+        policy = options.trained(name, lambda folder: _train(options, cell, folder))
     if cell.benchmark == PLANS:
         yield judged(_drives(options.held_out / "test" / f"{cell.scenario}.npz"), _plan(cell.arm, policy))
     else:
         yield _driven(cell, _agent(arm, policy))
+
+
+def trainings(cell: Cell) -> tuple[str, ...]:
+    """Training of a cell, which arms share; empty for an arm without a network."""
+    planned = ARMS[cell.arm].planned
+    return () if planned is None else (f"{'hybrid' if planned else 'open'}/seed-{cell.training_seed}",)
 
 
 def _train(options: Options, cell: Cell, folder: Path) -> None:
@@ -191,6 +197,7 @@ STUDY = Study(
     cells=cells,
     work=work,
     tables={"arms": arms_table, "claims": claims_section(judged_claims, ("claim", "where", "measure", "n"))},
+    trainings=trainings,
     prepare=prepare,
     judged=judged_claims,
 )

@@ -61,6 +61,11 @@ ARMS: Final[Mapping[str, PribootArm]] = MappingProxyType(
 )
 
 
+def lineage(training: str) -> tuple[str, ...]:
+    """Names of the training whose weights one begins from, if any, and of itself."""
+    return ("full", training) if any("{full}" in one for one in TRAININGS[training]) else (training,)
+
+
 def config(training: str, seed: int, runs: Path) -> TrainConfig:
     """Settings of a training, in a folder of trainings TRAINING/seed-N."""
     full = runs / "full" / f"seed-{seed}" / "priboot.safetensors"

@@ -19,9 +19,9 @@ from dohyo.agents.learning.files.card import read_cards
 from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.priboot.study import tables
-from dohyo.agents.priboot.study.arms import ARMS, config
+from dohyo.agents.priboot.study.arms import ARMS, config, lineage
 from dohyo.agents.priboot.study.measures import measures
-from dohyo.agents.priboot.training.train import PRIBOOT, TrainConfig
+from dohyo.agents.priboot.training.train import PRIBOOT
 from dohyo.agents.registry import resolve_with
 from dohyo.agents.studies.arms import TRAININGS, Block, Cell, cells_of
 from dohyo.agents.studies.driving import driven
@@ -58,17 +58,27 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     arm, seed = ARMS[job[0].arm], job[0].training_seed
     name, settings, trained = "autopilot", {}, Row()
     if seed is not None:
-        train = partial(train_to_the_end, config(arm.training, seed, options.runs))
+        train = partial(train_to_the_end, options.runs, arm.training, seed)
         policy = options.trained(f"{arm.training}/seed-{seed}", train, POLICY)
         name, settings, trained = "priboot", {"rules": arm.rules, "policy": str(policy)}, losses_of(policy.parent)
     record, _ = driven(scenario_of(job[0]), make_agent(*resolve_with(name, settings)))
     yield {**trained, **measures(record.egos[0])}
 
 
-def train_to_the_end(settings: TrainConfig, folder: Path) -> None:
-    """Begins or resumes a training, unless its network is there."""
-    if not (folder / POLICY).exists():
-        PRIBOOT.train(settings, TrainRequest("priboot", folder, (folder / "config.toml").exists(), no_report))
+def trainings(cell: Cell) -> list[str]:
+    """Trainings behind a cell; arms share them."""
+    seed = cell.training_seed
+    return [] if seed is None else [f"{name}/seed-{seed}" for name in lineage(ARMS[cell.arm].training)]
+
+
+def train_to_the_end(runs: Path, training: str, seed: int, folder: Path) -> None:
+    """Begins or resumes a training, unless its network is there; first the one whose weights it begins from."""
+    if (folder / POLICY).exists():
+        return
+    for first in lineage(training)[:-1]:
+        train_to_the_end(runs, first, seed, runs / first / f"seed-{seed}")
+    settings = config(training, seed, runs)
+    PRIBOOT.train(settings, TrainRequest("priboot", folder, (folder / "config.toml").exists(), no_report))
 
 
 def losses_of(folder: Path) -> Row:
@@ -96,6 +106,7 @@ STUDY = Study(
         "infractions": tables.infractions_table,
         "lengths": tables.lengths_table,
     },
+    trainings=trainings,
     facts=_sizes,
     judged=tables.judged,
 )

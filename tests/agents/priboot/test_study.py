@@ -9,8 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dohyo.agents.priboot.study import hesitation
+from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.priboot.study import hesitation, study
 from dohyo.agents.priboot.study.lengths import JOINED, in_pairs, joined
+from dohyo.agents.priboot.training.train import TrainConfig
+from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.sumo_networks.scenario import Traffic
 from tests.agents.priboot.test_priboot import policy
@@ -76,3 +79,24 @@ def test_an_ego_that_stands_on_a_free_road_loses_all_its_time(tmp_path: Path, mo
     metres, ticks = hesitation.lost_time(empty, "autopilot", stands)
     assert ticks["stands"] < 15
     assert metres > 5.0
+
+
+def test_a_training_that_begins_from_another_trains_that_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trained = []
+
+    def train(config: TrainConfig, order: TrainRequest) -> Path:
+        assert config.begin is None or config.begin.exists()
+        order.out.mkdir(parents=True)
+        for kind in ("safetensors", "onnx"):
+            (order.out / f"priboot.{kind}").touch()
+        trained.append(f"{order.out.parent.name}/{order.out.name}")
+        return order.out / study.POLICY
+
+    monkeypatch.setattr(study, "PRIBOOT", Trainer("a stand-in", TrainConfig, train))
+    for training in ("tuned", "further", "masks"):
+        study.train_to_the_end(tmp_path, training, 2, tmp_path / training / "seed-2")
+    assert trained == ["full/seed-2", "tuned/seed-2", "further/seed-2", "masks/seed-2"]
+    needed = {arm: study.trainings(Cell(arm, 2, "nocrash", "m0", 0)) for arm in ("full", "no-rules", "further")}
+    assert needed["full"] == needed["no-rules"] == trained[:1]
+    assert needed["further"] == ["full/seed-2", "further/seed-2"]
+    assert study.trainings(Cell("autopilot", None, "nocrash", "m0", 0)) == []

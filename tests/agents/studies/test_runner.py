@@ -16,6 +16,8 @@ import pytest
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import cell_of, matched, read_rows
 from dohyo.agents.studies.runner import DIED, NOTHING, run
+from dohyo.agents.studies.trained import TrainedOptions
+from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 ROOT = Path(__file__).parents[3]
@@ -63,6 +65,14 @@ def refused(job):
 
 def silent(job):
     return []
+
+
+def until(true) -> None:
+    """Waits for what another process does."""
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def test_cells_are_the_product_of_each_block_once():
@@ -126,6 +136,79 @@ def test_an_error_of_the_input_stops_the_study_and_keeps_the_rows(tmp_path):
         with pytest.raises(InvalidInputError, match="no such training"):
             run(path, CELLS, refused, workers=workers)
     assert [cell_of(row) for row in read_rows(path)] == CELLS[:2]
+
+
+def arm_and_seed(cell):
+    return (f"{cell.arm}/seed-{cell.training_seed}",)
+
+
+def trained_beside_another(job, runs: Path):
+    """Trains the arm of a job, unless that is done; a training goes on until another one has begun, or is done."""
+
+    def train(folder: Path) -> None:
+        with held(folder):
+            if not (folder / "best.onnx").exists():
+                with (runs / "log").open("a") as file:
+                    file.write(f"{folder.relative_to(runs)}\n")
+                until(lambda: len(list(runs.glob("*/*"))) > 1)
+                time.sleep(0.2)
+                (folder / "best.onnx").touch()
+
+    TrainedOptions(runs=runs).trained(*arm_and_seed(job[0]), train)
+    yield from measured(job)
+
+
+def test_jobs_of_one_training_wait_for_it_while_another_one_begins(tmp_path):
+    cells = cells_of([Block(("a", "b"), (0,), [Place("town", f"m{i}", 7) for i in range(3)])])
+    cells.sort(key=lambda cell: cell.arm)
+    work = partial(trained_beside_another, runs=tmp_path / "runs")
+    (tmp_path / "runs").mkdir()
+    run(tmp_path / "rows.jsonl", cells, work, workers=2, trainings=arm_and_seed)
+    assert sorted(cell_of(row) for row in read_rows(tmp_path / "rows.jsonl") if "score" in row) == sorted(cells)
+    assert sorted((tmp_path / "runs" / "log").read_text().split()) == ["a/seed-0", "b/seed-0"]
+
+
+def failing_once(job, runs: Path):
+    """Trains, where the first training is lost."""
+
+    def train(folder: Path) -> None:
+        with held(folder):
+            time.sleep(0.2)
+            if not (folder / "failed").exists():
+                (folder / "failed").touch()
+                raise SimulationError("SUMO is gone")
+            (folder / "best.onnx").touch()
+
+    TrainedOptions(runs=runs).trained(*arm_and_seed(job[0]), train)
+    yield from measured(job)
+
+
+def test_a_training_that_was_lost_is_tried_by_one_job_after_the_other(tmp_path):
+    cells = CELLS[:1] + [cell for cell in CELLS[1:] if cell[:2] == CELLS[0][:2]]
+    work = partial(failing_once, runs=tmp_path / "runs")
+    run(tmp_path / "rows.jsonl", cells, work, workers=2, trainings=arm_and_seed)
+    assert [row.get("lost") for row in read_rows(tmp_path / "rows.jsonl")] == [
+        "SimulationError: SUMO is gone",
+        None,
+        None,
+    ]
+
+
+def refused_beside_another(job, folder: Path):
+    """Refuses arm b, as soon as a job of arm a has begun; that one ends later."""
+    if job[0].arm == "b":
+        until((folder / "begun").exists)
+        raise InvalidInputError("no such training")
+    (folder / "begun").touch()
+    time.sleep(0.5)
+    yield from measured(job)
+
+
+def test_the_job_beside_an_error_of_the_input_keeps_its_rows(tmp_path):
+    path, cells = tmp_path / "rows.jsonl", [CELLS[0], Cell("b", 0, "town", "m0", 7), *CELLS[1:3]]
+    with pytest.raises(InvalidInputError, match="no such training"):
+        run(path, cells, partial(refused_beside_another, folder=tmp_path), workers=2)
+    assert [cell_of(row) for row in read_rows(path)] == CELLS[:1]
 
 
 def test_rows_of_a_killed_process_stay_and_the_same_call_adds_the_missing_ones(tmp_path):
