@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -154,6 +155,13 @@ class Benchmark(Config):
         """Converts the short form of a file to the long form."""
         return with_cells(given) if isinstance(given, dict) else given
 
+    @field_validator("seeds")
+    @classmethod
+    def _each_seed_once(cls, seeds: tuple[int, ...]) -> tuple[int, ...]:
+        if repeated := [seed for seed, times in Counter(seeds).items() if times > 1]:
+            raise ValueError(f"expected every seed once, got {repeated[0]} again")
+        return seeds
+
     @model_validator(mode="after")
     def _names_fit(self) -> Benchmark:
         for names in (
@@ -229,4 +237,4 @@ def load_benchmark(name: str) -> Benchmark:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    return load(name, Family.DRIVING, Benchmark.model_validate)
+    return load(name, Family.DRIVING, Benchmark)

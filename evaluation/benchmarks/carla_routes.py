@@ -23,6 +23,7 @@ from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, ScriptedMission
 from dohyo.evaluation.benchmarks.cells import Level, Protocol, make_cells
+from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -153,7 +154,7 @@ def import_routes(
             **protocol.rules,
         )
     except ValidationError as error:
-        raise InvalidInputError(f"'{file}': {error.errors()[0]['msg']}") from error
+        raise InvalidInputError(f"'{file}': {describe_fault(error, Benchmark)}") from error
     return ImportedRoutes(benchmark, tuple(snap for _, snap in fitted), bad, made.reduced)
 
 

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, Benchmark, ScriptedMission
 from dohyo.evaluation.benchmarks.cells import Level, Protocol, carried_traffic, make_cells, traffic_of
+from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.evaluation.benchmarks.mission_drawing import Check, Drawing, draw_missions, route_lengths
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events.auto_events import auto_events
@@ -87,7 +88,7 @@ def create_benchmark(
             **protocol.rules,
         )
     except ValidationError as error:
-        raise InvalidInputError(f"benchmark '{name}': {error.errors()[0]['msg']}") from error
+        raise InvalidInputError(f"benchmark '{name}': {describe_fault(error, Benchmark)}") from error
     return Created(benchmark, drawing, made.reduced)
 
 

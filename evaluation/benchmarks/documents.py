@@ -107,6 +107,11 @@ def with_cells(document: dict[str, Any]) -> dict[str, Any]:
     return rest | {"cells": [{"name": "all", "missions": "all", **parts}], "missions": {"all": document["missions"]}}
 
 
+def keys_of_its_cell(document: dict[str, Any]) -> tuple[str, ...]:
+    """Keys of a cell that a document may have itself, which is without cells."""
+    return () if "cells" in document else _OF_A_CELL
+
+
 def count_scenarios(document: dict[str, Any]) -> int:
     """Number of scenarios of a valid document for one seed; see `Benchmark.size`."""
     long = with_cells(document)

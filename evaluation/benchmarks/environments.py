@@ -9,9 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gymnasium.vector import AutoresetMode
+from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.evaluation.criteria.route_timeout import RouteTimeout
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, check_single
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -73,21 +76,14 @@ def single_scenarios(
 
     Raises:
         InvalidInputError: An unknown name, both or neither of a source and a network, scenarios with several egos, or
-            missions that begin in recorded traffic.
+            missions that begin in recorded traffic, or are no missions.
     """
     if (source is None) == (network is None):
         raise InvalidInputError("expected either a benchmark or scenarios, or a network with missions")
     if network is not None:
-        found = [
-            Scenario(
-                name=f"mission-{number}",
-                network=network,
-                missions=(Mission.model_validate(mission).model_copy(update={"name": "ego"}),),
-                traffic=Traffic.model_validate(traffic or {}),
-                conditions=conditions,
-            )
-            for number, mission in enumerate(missions, start=1)
-        ]
+        found = _of_missions(
+            {"network": network, "missions": missions, "traffic": traffic or {}, "conditions": conditions}
+        )
     elif isinstance(source, Scenario):
         found = [source]
     elif isinstance(source, str | Benchmark):
@@ -96,6 +92,32 @@ def single_scenarios(
         found = list(source or ())
     check_single(found)
     return tuple(scenario.model_copy(update={"time_limit_s": time_limit_s or _limit(scenario)}) for scenario in found)
+
+
+class _OwnMissions(Config):
+    """Missions on a network, each an episode."""
+
+    network: str
+    missions: tuple[Mission, ...]
+    traffic: Traffic
+    conditions: str
+
+
+def _of_missions(given: Mapping[str, Any]) -> list[Scenario]:
+    try:
+        own = _OwnMissions.model_validate(given)
+    except ValidationError as error:
+        raise InvalidInputError(describe_fault(error, _OwnMissions, given)) from error
+    return [
+        Scenario(
+            name=f"mission-{number}",
+            network=own.network,
+            missions=(mission.model_copy(update={"name": "ego"}),),
+            traffic=own.traffic,
+            conditions=own.conditions,
+        )
+        for number, mission in enumerate(own.missions, start=1)
+    ]
 
 
 def _of_benchmark(benchmark: Benchmark) -> list[Scenario]:

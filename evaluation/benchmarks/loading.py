@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
-from dohyo.evaluation.benchmarks.documents import benchmark_path, family_of, read_document
+from dohyo.evaluation.benchmarks.documents import benchmark_path, family_of, keys_of_its_cell, read_document
+from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.errors import InvalidInputError
 
-Model = TypeVar("Model")
+Model = TypeVar("Model", bound=BaseModel)
 
 
-def load(name: str, family: Family, validate: Callable[[dict[str, Any]], Model]) -> Model:
+def load(name: str, family: Family, model: type[Model]) -> Model:
     """Loads a benchmark by its name, or from the path of a .toml file.
 
     Args:
         name: Name or path.
         family: Family that it must be of.
-        validate: Function from the document to the benchmark, which raises pydantic's ValidationError.
+        model: Class of its benchmarks.
 
     Raises:
         UnknownNameError: The family has no benchmark of this name.
@@ -34,8 +34,7 @@ def load(name: str, family: Family, validate: Callable[[dict[str, Any]], Model])
             f"benchmark file '{path}': expected a benchmark of {family.label}, got one of {found.label}"
         )
     try:
-        return validate(document)
+        return model.model_validate(document)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InvalidInputError(f"benchmark file '{path}': {where}: {first['msg']}") from error
+        more = keys_of_its_cell(document) if family is Family.DRIVING else ()
+        raise InvalidInputError(f"benchmark file '{path}': {describe_fault(error, model, document, more)}") from error

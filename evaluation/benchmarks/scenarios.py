@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cache
 
@@ -28,6 +29,8 @@ def make_scenarios(benchmark: Benchmark, seeds: Sequence[int]) -> list[Scenario]
         )
     if wrong := [seed for seed in seeds if not 0 <= seed < 2**31]:
         raise InvalidInputError(f"benchmark '{benchmark.name}': expected seeds of 0 to {2**31 - 1}, got {wrong[0]}")
+    if repeated := [seed for seed, times in Counter(seeds).items() if times > 1]:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': expected every seed once, got {repeated[0]} again")
     return [scenario for seed in seeds for cell in benchmark.cells for scenario in _scenarios(benchmark, cell, seed)]
 
 

@@ -139,12 +139,12 @@ def load_freeway_benchmark(name: str) -> FreewayBenchmark:
 
 def load_forecasting(name: str) -> ForecastBenchmark:
     """Loads a benchmark of forecasts; errors as of `load_freeway_benchmark`."""
-    return load(name, Family.FORECASTING, ForecastBenchmark.model_validate)
+    return load(name, Family.FORECASTING, ForecastBenchmark)
 
 
 def load_traffic(name: str) -> TrafficBenchmark:
     """Loads a benchmark of mornings; errors as of `load_freeway_benchmark`."""
-    return load(name, Family.FREEWAY, TrafficBenchmark.model_validate)
+    return load(name, Family.FREEWAY, TrafficBenchmark)
 
 
 def days_folder(benchmark: ForecastBenchmark) -> Path:

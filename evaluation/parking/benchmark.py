@@ -94,4 +94,4 @@ def load_parking_benchmark(name: str) -> ParkingBenchmark:
         UnknownNameError: No benchmark has this name.
         InvalidInputError: The file is missing or invalid; the message says where.
     """
-    return load(name, Family.PARKING, ParkingBenchmark.model_validate)
+    return load(name, Family.PARKING, ParkingBenchmark)

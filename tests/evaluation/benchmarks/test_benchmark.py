@@ -62,3 +62,8 @@ def test_seeds_out_of_range_are_one_clear_line(seed: int) -> None:
         InvalidInputError, match=f"benchmark 'quickstart': expected seeds of 0 to 2147483647, got {seed}"
     ):
         load_benchmark("quickstart").scenarios([0, seed])
+
+
+def test_a_seed_that_comes_twice_is_refused_before_anything_is_driven() -> None:
+    with pytest.raises(InvalidInputError, match="benchmark 'quickstart': expected every seed once, got 3 again"):
+        load_benchmark("quickstart").scenarios([3, 0, 3])

@@ -23,6 +23,7 @@ MISSION = {
     "start": {"lane": "737320747#3_2", "position_m": 20.0},
     "goal": {"lane": "726514449_2", "position_m": -15.0},
 }
+OWN = {"network": "ingolstadt", "missions": [MISSION]}
 
 
 def test_gymnasium_makes_the_benchmark_with_its_missions() -> None:
@@ -129,6 +130,15 @@ def test_a_time_limit_that_cannot_pass_is_refused(limit_s: float) -> None:
         ("val14", {}, "amid recorded traffic"),
         ("fleet", {}, "expected one ego"),
         ("quickstrat", {}, "did you mean 'quickstart'"),
+        (None, OWN | {"missions": "mine"}, r"^missions: expected a list, got 'mine'$"),
+        (
+            None,
+            OWN | {"missions": [{"start": {"lan": "x"}}]},
+            r"^missions\.0\.start\.lan: unknown key; did you mean",
+        ),
+        (None, OWN | {"traffic": {"vehicle": 3}}, r"^traffic\.vehicle: unknown key; did you mean 'vehicles'"),
+        (None, OWN | {"traffic": "dense"}, "^traffic: expected a table, got 'dense'$"),
+        (None, OWN | {"conditions": ("wet",)}, r"^conditions: expected text, got \('wet',\)$"),
     ],
 )
 def test_impossible_sources_are_refused(source: Any, options: dict[str, Any], says: str) -> None:

@@ -55,7 +55,7 @@ def test_days_of_another_seed_lie_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_a_file_without_a_field_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text('kind = "forecast"\nname = "x"')
-    with pytest.raises(InvalidInputError, match="description: Field required") as told:
+    with pytest.raises(InvalidInputError, match="description: expected a value, and there is none") as told:
         load_freeway_benchmark(str(tmp_path / "own.toml"))
     assert "\n" not in str(told.value)
 
