@@ -1,13 +1,13 @@
 """Localizer: from the raw samples of an IMU and a GNSS receiver to a pose. Start, low-pass, filter.
 
 A journey begins at rest (`starts.standing`) or rolling (`starts.rolling`). Then the filter runs, from the moment at
-which the vehicle set off, or from the first fix.
+which the vehicle set off, or from the first fix of a rolling start.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import wraps
 from types import MappingProxyType
@@ -216,7 +216,7 @@ class Localizer:
         else:
             self._remember(Fix(time, position, sigma_m))
             try:
-                start = self._standing.gnss(time, position)
+                start = self._standing.gnss(time, position, sigma_m)
             except NotStandingError as error:
                 self._roll(error)
                 return
@@ -242,6 +242,11 @@ class Localizer:
         return east, north, self.filter.heading
 
     @property
+    def least_m(self) -> float:
+        """Distance by IMU and GNSS that gives the heading, m."""
+        return self._standing.least_m
+
+    @property
     def _uses_measurements(self) -> bool:
         return self.settings.filter != "imu"
 
@@ -256,6 +261,7 @@ class Localizer:
             raise error
         self.rolling = True
         self._low_pass = LowPass(self.settings.alpha)
+        self._standing = StandingStart(self.settings, self.heading, self._low_pass)
         now, early, self._early = self._time, self._early, []
         for event in early:
             if isinstance(event, Fix):
@@ -269,14 +275,22 @@ class Localizer:
         self._time = now
 
     def _run_from_rest(self, start: InitialState | None) -> None:
-        """Starts the filter, and repeats the samples since the vehicle set off."""
-        self.calibration = self._standing.calibration
+        """Starts the filter, and repeats the samples since the vehicle set off, and late fixes."""
+        standing = self._standing
+        self.calibration = standing.calibration
         if start is None or self._time is None:
             return
-        self._make_filter(start, self._time - sum(dt for _, dt in self._standing.moved))
-        for sample, dt in self._standing.moved:
-            self._predict(self._time, sample, dt)
-        self._standing.moved.clear()
+        began = self._time - sum(dt for _, dt in standing.moved)
+        self._make_filter(start, began)
+        if standing.late:
+            times = (began + np.cumsum([dt for _, dt in standing.moved])).tolist()
+            samples = [(time, *moved) for time, moved in zip(times, standing.moved, strict=True)]
+            self._repeat(began, samples, standing.late)
+        else:
+            for sample, dt in standing.moved:
+                self._predict(self._time, sample, dt)
+        standing.moved.clear()
+        standing.late.clear()
         self._early.clear()
 
     def _run_from_first_fix(self, start: InitialState) -> None:
@@ -284,14 +298,24 @@ class Localizer:
         window = self._rolling
         self._make_filter(start, window.fixes[0][0])
         self._rolling = RollingStart(self.settings)
-        now, self._time = self._time, window.fixes[0][0]
-        fixes = list(window.fixes)
-        for time, sample, dt in zip(window.times, window.samples, window.steps, strict=True):
-            while fixes and fixes[0][0] <= time - dt + SAME_TIME_S:
-                self._correct(*fixes.pop(0))
+        samples = zip(window.times, window.samples, window.steps, strict=True)
+        self._repeat(window.fixes[0][0], samples, window.fixes)
+
+    def _repeat(
+        self,
+        began: float,
+        samples: Iterable[tuple[float, FloatArray, float]],
+        fixes: Iterable[tuple[float, FloatArray, float]],
+    ) -> None:
+        """Passes samples and fixes since a time to the filter, in order of time."""
+        now, self._time = self._time, began
+        waiting = list(fixes)
+        for time, sample, dt in samples:
+            while waiting and waiting[0][0] <= time - dt + SAME_TIME_S:
+                self._correct(*waiting.pop(0))
             self._time = time
             self._predict(time, sample, dt)
-        for fix in fixes:
+        for fix in waiting:
             self._correct(*fix)
         self._time = now
 

@@ -87,7 +87,7 @@ class Settings(Config):
         alpha: Coefficient of the low-pass filter; 0: none.
         standing_s: Standing time at the start.
         gnss_sigma_m: Assumed error of a fix that does not state its own.
-        align_m: Distance that gives the heading; at least 4 sigma.
+        align_m: Distance that gives the heading; at least 4 sigma, and up to 14 sigma after a late first fix.
         outliers: Treatment of fixes that surprise the filter; see `outliers`.
         antenna_m: Antenna seen from the IMU, m: forward, left, up.
         smooth: Whether to keep what the smoother needs (ES-EKF only).

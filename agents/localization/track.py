@@ -98,10 +98,9 @@ def follow(
             covariances.append(localizer.filter.position_covariance)
     spent = time.perf_counter() - began
     if not poses:
-        needed = max(localizer.settings.align_m, 4 * localizer.settings.gnss_sigma_m)
         raise InvalidInputError(
-            f"localizer: expected the vehicle to move {needed:.1f} m from its start by IMU and GNSS, got less: "
-            "its heading is unknown"
+            f"localizer: expected the vehicle to move {localizer.least_m:.1f} m from its start by IMU and GNSS, or "
+            "from a later first fix, got less: its heading is unknown"
         )
     table = np.array(poses, dtype=np.float64)
     return EstimatedTrack(
