@@ -25,7 +25,7 @@ def load_entry(entry: str, what: str) -> Any:
         raise InvalidInputError(f"{what} '{entry}': expected a registered name or 'module:name'")
     try:
         module = import_module(module_name)
-    except Exception as error:  # a foreign module may raise anything when it is loaded
+    except (Exception, SystemExit) as error:  # a foreign module may raise anything when it is loaded
         raise InvalidInputError(
             f"{what} '{entry}' cannot be made: module '{module_name}' cannot be imported: {_cause(error)}"
         ) from error
@@ -47,11 +47,11 @@ def make_entry(entry: str, what: str, settings: Mapping[str, Any]) -> Any:
         return maker(**settings)
     except DohyoError as error:
         raise InvalidInputError(f"{what} '{entry}' cannot be made: {error}") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InvalidInputError(f"{what} '{entry}' cannot be made: {_cause(error)}") from error
 
 
-def _cause(error: Exception) -> str:
+def _cause(error: BaseException) -> str:
     """Type and first line of an error."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return ": ".join([type(error).__name__, *lines[:1]])

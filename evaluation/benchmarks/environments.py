@@ -91,7 +91,10 @@ def single_scenarios(
     else:
         found = list(source or ())
     check_single(found)
-    return tuple(scenario.model_copy(update={"time_limit_s": time_limit_s or _limit(scenario)}) for scenario in found)
+    limits = (_limit(scenario) if time_limit_s is None else time_limit_s for scenario in found)
+    return tuple(
+        scenario.model_copy(update={"time_limit_s": limit}) for scenario, limit in zip(found, limits, strict=True)
+    )
 
 
 class _OwnMissions(Config):

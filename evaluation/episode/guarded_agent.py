@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import signal
 import time
 import traceback
-from asyncio import CancelledError
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -14,10 +12,11 @@ from typing import TypeVar
 import numpy as np
 
 from dohyo.evaluation.agent import Agent, Observation
+from dohyo.evaluation.blame import RAISED, is_blameless
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, SimulationError
+from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError
 from dohyo.sumo_networks.scenario import Mission
 
 ACT_DEADLINE_S = 10.0
@@ -109,22 +108,12 @@ class GuardedAgent:
             raise AgentFailedError(Status.AGENT_ACTION, str(error)) from error
         except AgentError as error:  # its message is already written for people
             raise AgentFailedError(failed, str(error)[:LONGEST_FAILURE]) from error
-        except (Exception, SystemExit, KeyboardInterrupt, CancelledError) as error:  # the evaluation must go on
-            if self._is_blameless(error):
+        except RAISED as error:  # the evaluation must go on
+            if is_blameless(error, self.agent):
                 raise
             raise AgentFailedError(failed, describe(error)) from error
         finally:
             self._watch(0.0)
-
-    def _is_blameless(self, error: BaseException) -> bool:
-        """Whether the user or the machine ended a call.
-
-        Only dohyo's own agents may report a failed machine, such as a sandbox that cannot start: no mean has the drives
-        lost by it. A KeyboardInterrupt is the agent's own where Ctrl-C is ignored, as in worker processes.
-        """
-        if isinstance(error, KeyboardInterrupt):
-            return signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-        return isinstance(error, SimulationError) and type(self.agent).__module__.startswith("dohyo.")
 
 
 def describe(error: BaseException) -> str:

@@ -10,12 +10,13 @@ from importlib.metadata import version
 
 import numpy as np
 
+from dohyo.evaluation.blame import RAISED, is_blameless
 from dohyo.evaluation.parking.agent import ParkingAgent
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, scene_of
 from dohyo.evaluation.parking.record import Ending, KartRecord, ParkingRecord
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
-from dohyo.sumo_networks.errors import AgentError, SimulationError
+from dohyo.sumo_networks.errors import AgentError
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.observation import columns
 from dohyo.sumo_networks.parking.radar import Kind
@@ -134,12 +135,8 @@ class _Driver:
         self._columns: IntArray = columns(agent.spec.state)
         try:
             agent.reset(seed)
-        except SimulationError:  # the machine failed: for example, the sandbox of a policy cannot start
-            raise
-        except AgentError as error:  # its message is already written for people
-            self.failure = str(error)
-        except Exception as error:  # an agent's code may raise anything
-            self.failure = f"reset raised {type(error).__name__}: {error}"
+        except RAISED as error:
+            self.failure = self._failure("reset", error)
 
     def observation(self, world: ParkingWorld) -> Float32Array:
         """Columns of the present observation that the agent sees."""
@@ -152,18 +149,21 @@ class _Driver:
                 self.agent.look(world.view(0), self.number)
             given = self.agent.act(self.observation(world))
             action = np.asarray(given, np.float64)
-        except SimulationError:
-            raise
-        except AgentError as error:
-            self.failure = str(error)
-            return _FULL_BRAKE
-        except Exception as error:
-            self.failure = f"act raised {type(error).__name__}: {error}"
+        except RAISED as error:
+            self.failure = self._failure("act", error)
             return _FULL_BRAKE
         if action.shape != (3,) or not np.isfinite(action).all():
             self.failure = f"expected 3 finite numbers as action, got shape {action.shape}: {given!r:.60}"
             return _FULL_BRAKE
         return action
+
+    def _failure(self, call: str, error: BaseException) -> str:
+        """What went wrong in a call; an error that is not the agent's is raised again."""
+        if is_blameless(error, self.agent):
+            raise error
+        if isinstance(error, AgentError):  # its message is already written for people
+            return str(error)
+        return f"{call} raised {type(error).__name__}: {error}"
 
 
 def _record(world: ParkingWorld, driver: _Driver) -> KartRecord:

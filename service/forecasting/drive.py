@@ -14,6 +14,7 @@ from dohyo.agents.forecasting.data.windows import Windows
 from dohyo.agents.forecasting.judge import Forecast, day_windows, judge_day
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.blame import RAISED, is_blameless
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S, WARM_UP_DEADLINE_S
 from dohyo.evaluation.freeway.day import FORECASTER, DayRecord, DayScenario, check_forecast
@@ -25,7 +26,7 @@ from dohyo.service.running.gauge import Gauge, watched
 from dohyo.service.running.order import EpisodeOrder, check_unchanged
 from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.errors import AgentError, InvalidInputError, SimulationError
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 
 
 def forecast_day(order: EpisodeOrder, scenario: DayScenario, channel: Channel, gauge: Gauge) -> bytes:
@@ -138,9 +139,9 @@ class _Watched:
                 if not self._begun:
                     self._agent.reset(0)
                 answer = self._agent.act(observation(history, time_s))
-        except (AgentError, SimulationError):
-            raise
-        except Exception as error:  # an agent's code may raise anything
+        except RAISED as error:
+            if isinstance(error, AgentError) or is_blameless(error, self._agent):
+                raise
             raise AgentError(f"act raised {type(error).__name__}: {error}") from error
         self._begun = True
         return answer

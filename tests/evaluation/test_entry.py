@@ -21,6 +21,7 @@ def test_an_entry_is_loaded_and_called() -> None:
         ("nowhere.at_all:Mine", "module 'nowhere.at_all' cannot be imported: ModuleNotFoundError: No module named"),
         ("broken_module_of_mine:Mine", "cannot be imported: SyntaxError"),
         ("several_lines_of_mine:Mine", "cannot be imported: RuntimeError: first$"),
+        ("exits_module_of_mine:Mine", "cannot be imported: SystemExit: 0$"),
         ("pathlib:Mine", "module 'pathlib' has no 'Mine'"),
         ("fractions:Fraction", "agent 'fractions:Fraction' has no spec, reset, act"),
     ],
@@ -30,6 +31,7 @@ def test_what_is_wrong_is_one_line_with_module_and_cause(
 ) -> None:
     (tmp_path / "broken_module_of_mine.py").write_text("def f(:\n")
     (tmp_path / "several_lines_of_mine.py").write_text("raise RuntimeError('first\\nsecond')\n")
+    (tmp_path / "exits_module_of_mine.py").write_text("raise SystemExit(0)\n")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InvalidInputError, match=message) as raised:
         make_agent(entry)

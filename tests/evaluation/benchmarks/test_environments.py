@@ -109,7 +109,7 @@ def test_every_episode_has_an_end() -> None:
     assert all((scenario.time_limit_s or 0.0) > 300.0 for scenario in single_scenarios("quickstart"))
 
 
-@pytest.mark.parametrize("limit_s", [-1.0, math.nan, math.inf])
+@pytest.mark.parametrize("limit_s", [-1.0, 0.0, math.nan, math.inf])
 def test_a_time_limit_that_cannot_pass_is_refused(limit_s: float) -> None:
     says = f"expected a finite time_limit_s above 0, in seconds, got {limit_s}"
     with pytest.raises(InvalidInputError, match=says):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dohyo.evaluation.parking.agent import ParkingSpec
+from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.rows import LotView
 
@@ -88,6 +89,10 @@ class Broken(Greedy):
         self.after -= 1
         if self.after >= 0:
             return super().act(observation)
-        if self.answer == "raise":
-            raise ZeroDivisionError("no way")
+        if isinstance(self.answer, str):
+            raise {
+                "raise": ZeroDivisionError("no way"),
+                "exit": SystemExit(0),
+                "no machine": SimulationError("not my fault"),
+            }[self.answer]
         return np.asarray(self.answer)

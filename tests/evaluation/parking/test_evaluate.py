@@ -216,6 +216,8 @@ def test_agents_are_compared_on_common_lots(three, tmp_path):
     ("answer", "said"),
     [
         ("raise", "act raised ZeroDivisionError: no way"),
+        ("exit", "act raised SystemExit: 0"),
+        ("no machine", "act raised SimulationError: not my fault"),
         ([0.0, 1.0], r"expected 3 finite numbers as action, got shape \(2,\)"),
         ([0.0, float("nan"), 0.0], "expected 3 finite numbers"),
     ],
