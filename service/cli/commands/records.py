@@ -159,8 +159,8 @@ def verify(
         _verify_day(record, key, server, signature_only, policy, trust, json)
         return
     old = read_record(record)
-    read_trajectory(record)
     signer = check_signature(record, old, key, server)
+    read_trajectory(record)
     benchmark = benchmark_of_record(old, record)
     if signature_only:
         _print_verified(record, old, None, signer, part_of_record(record), json, _named(old, compared=False))
@@ -189,10 +189,10 @@ def _check_motion(path: Path) -> None:
 def _verify_lot(
     path: Path, key: str | None, server: str | None, signature_only: bool, policy: Path | None, trust: bool, json: bool
 ) -> None:
-    """Checks hash, motion and signature of a lot's record, drives the lot again and compares."""
+    """Checks hash, signature and motion of a lot's record, drives the lot again and compares."""
     lot = read_lot(path)
-    read_lot_motion(path, lot)
     signer = check_signature(path, lot, key, server)
+    read_lot_motion(path, lot)
     replayed = None if signature_only else drive_lots_again(path, [lot], trust, policy)[0]
     _print_verified(path, lot, replayed, signer, "", json)
     if replayed not in (None, lot.record_hash):

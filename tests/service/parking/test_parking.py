@@ -100,6 +100,9 @@ def fetched_lots_are_verified(evaluation: str, service: Service, folder: Path) -
     assert told["same"]
     assert command("verify", str(paths[1]), "--signature-only", "--key", told["signature"]["key"]).exit_code == 0
     assert "success, %" in command("report", str(folder), "--out", str(folder / "report.html")).stdout
+    paths[1].with_suffix(".parquet").unlink()
+    with pytest.raises(InvalidInputError, match="expected the motion of parking"):
+        raise command("verify", str(paths[1]), "--signature-only").exception
     changed = json.loads(paths[0].read_text()) | {"seed": 5}
     paths[0].write_text(ParkingRecord.model_validate(changed).sealed().model_dump_json())
     with pytest.raises(InvalidInputError, match="of another record"):

@@ -43,6 +43,10 @@ def test_an_agent_is_evaluated_verified_and_reported(
     assert dohyo(monkeypatch, "report", out, "--out", page) == 0
     assert page.read_text().count('<svg class="plan"') == 4
 
+    (out / "motion.parquet").unlink()
+    assert dohyo(monkeypatch, "verify", out / "records.jsonl", "--trust") == 2
+    assert "expected the motion of parking" in capsys.readouterr().err.replace("\n", " ")
+
 
 def test_the_registered_agents_park_and_are_verified_without_trust(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
