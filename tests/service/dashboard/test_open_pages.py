@@ -156,6 +156,31 @@ def test_a_run_without_a_rank_says_why(visit: Visitor) -> None:
     expect(page.locator(".ranked").first).not_to_contain_text("no rank")
 
 
+def test_a_run_of_another_version_of_dohyo_says_which_drove_it(visit: Visitor) -> None:
+    one = visit()
+
+    def upgraded(route: Route) -> None:
+        document = route.fetch().json()
+        document["rows"][-1] |= {"rank": None, "unranked": "other_version", "dohyo_versions": ["0.1.0"]}
+        route.fulfill(json=document)
+
+    one.page.route("**/v1/leaderboard?*", upgraded)
+    page = one.go("/")
+    expect(page.locator(".ranked").last).to_contain_text("no rank: driven with dohyo 0.1.0")
+    expect(page.locator(".note").last).to_contain_text("Ranks compare the runs driven with dohyo 0.2.0")
+
+
+def test_an_evaluation_says_which_versions_of_dohyo_drove_it(visit: Visitor) -> None:
+    one = visit()
+
+    def resumed(route: Route) -> None:
+        route.fulfill(json=route.fetch().json() | {"dohyo_versions": ["earlier", "0.2.0"]})
+
+    one.page.route("**/v1/evaluations/ev-autopilot", resumed)
+    page = one.go("/evaluations/ev-autopilot")
+    expect(page.locator("#tiles")).to_contain_text("driven withan earlier dohyo and dohyo 0.2.0")
+
+
 def test_a_clock_that_is_fast_does_not_load_the_page_of_a_challenge_again_and_again(visit: Visitor) -> None:
     one = visit()
     page = one.page
