@@ -26,7 +26,7 @@ from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
 from dohyo.service.client.worker_session import BadActionError, Drive, LeaseLostError, WorkerSession
 from dohyo.service.database.engine import Database
-from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import FORECAST_SCORES, summary_of_day
 from tests.agents.forecasting.roads import write_folder
 from tests.service.harness import Harness, assert_problem, finish, running
@@ -232,4 +232,5 @@ def judge(database: Database, evaluation_id: str, error: float | None) -> None:
             facts: dict[str, Any] = {"failure": "it broke"} if error is None else {"measures": measures}
             record = DayRecord(scenario=scenario, benchmark=("forecast-easy", "0"), agent=remote_info("p"), **facts)
             episode.summary, episode.record_hash = summary_of_day(record), record.content_hash()
+        session.get_one(Evaluation, evaluation_id).dohyo_versions = ["0.2.0"]
     finish(database, evaluation_id, EvaluationStatus.DONE, EpisodeStatus.DONE)

@@ -21,7 +21,7 @@ from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
 from dohyo.service.database.engine import Database
-from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import MORNING_SCORES, summary_of_morning
 from dohyo.service.freeway.drive import FASTEST_MPS, checked, last_report, vehicles
 from dohyo.service.freeway.planner import plan_shape
@@ -232,6 +232,7 @@ def plan(database: Database, evaluation_id: str, deviation: float | None) -> Non
                 outcome={} if deviation is None else measures,
             )
             episode.summary, episode.record_hash = summary_of_morning(record), record.content_hash()
+        session.get_one(Evaluation, evaluation_id).dohyo_versions = ["0.2.0"]
     finish(database, evaluation_id, EvaluationStatus.DONE, EpisodeStatus.DONE)
 
 

@@ -27,7 +27,7 @@ from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
 from dohyo.service.episodes.archive import archived_path
-from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStatus, EvaluationStatus
+from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from tests.service.conftest import MakeService
@@ -259,6 +259,7 @@ def end_run(harness: Harness, evaluation_id: str, missed_every: int) -> None:
             status = (Status.COMPLETED if parked else Status.COLLIDED).value
             facts = {"name": "lot", "status": status, "km": 0.0, "infractions": {}, "parking": asdict(lot)}
             episode.summary, episode.record_hash = {"egos": [facts]}, f"{episode.position:064x}"
+        session.get_one(Evaluation, evaluation_id).dohyo_versions = ["0.2.0"]
     finish(harness.services.database, evaluation_id, EvaluationStatus.DONE, EpisodeStatus.DONE)
 
 
