@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import pytest
 
 from dohyo.agents.experts.reckless import Reckless
@@ -86,8 +88,12 @@ def test_an_agents_fault_gives_the_same_hash_again() -> None:
 
 
 def test_ctrl_c_during_a_decision_is_no_fault_of_the_agent() -> None:
-    with pytest.raises(KeyboardInterrupt):
-        run_episode(scenario(traffic=Traffic()), {"ego": agents.Interrupts()})
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores Ctrl-C
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_episode(scenario(traffic=Traffic()), {"ego": agents.Interrupts()})
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_one_agents_fault_leaves_the_others_driving() -> None:

@@ -23,6 +23,7 @@ from dohyo.evaluation.records.store import write_record
 from dohyo.service.episodes.archive import archived_path, staged_folder
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.networks.model import UploadedNetwork
+from dohyo.service.scheduling import attempts
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
 from tests.service.served import ROOT, STEADY, Service, info_of, short, wait_until
@@ -262,6 +263,7 @@ def leave_in_staging(service: Service) -> tuple[str, int]:
     with service.database.session() as session:
         there = session.merge(episode)
         there.status, there.attempts = EpisodeStatus.RUNNING, 1
+        attempts.begin(session, there)
         session.merge(service.evaluation(evaluation)).status = EvaluationStatus.RUNNING
     return evaluation, (folder / f"{episode.id}.json").stat().st_ino
 
