@@ -64,7 +64,8 @@ def shares(results: Results) -> str:
             told = ARMS[arm].told if arm in ARMS else "expert"
             completed = mean_of((row for row in mine if "completed" in row), arm, "completed")
             lines.append([found.env, told, *_trained(mine), mean_of(mine, arm, "return"), completed])
-    heads = ["task", "arm", "trainings", "steps", "weight of demonstrations in the replay, %", "return", "route completed, %"]
+    weight = "weight of demonstrations in the replay, %"
+    heads = ["task", "arm", "trainings", "steps", weight, "return", "route completed, %"]
     return markdown(heads, lines) if lines else ""
 
 
