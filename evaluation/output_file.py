@@ -1,4 +1,4 @@
-"""Output files: what `--out` names, written complete or refused in one line."""
+"""Output files: what a user names for a page, a table or a picture, written complete or refused in one line."""
 
 from __future__ import annotations
 
@@ -23,13 +23,15 @@ def check_output(path: Path) -> None:
 
 
 def write_output(path: Path, content: bytes) -> None:
-    """Writes an output file, complete or not at all.
+    """Writes an output file, complete or not at all, and makes the folder that it is to lie in.
 
     Raises:
         InvalidInputError: The path is a folder, or cannot be written.
     """
     check_output(path)
     try:
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, content)
     except OSError as error:
         raise unwritable(path, error) from error

@@ -18,6 +18,8 @@ EXACT: Final = 14
 FLIPS: Final = 20_000
 SEED: Final = 0
 LEVEL: Final = 0.05
+FEWEST: Final = 6
+"""Fewest differences that can be told from 0: 2 of 2^6 flips are as far, a share of 0.03; of 2^5 they are 0.06."""
 _CERTAIN: Final = 2.8
 """Sums that are as many standard deviations from 0 are beyond `LEVEL`: 2 exp(-2.8^2 / 2) is 0.04 (Hoeffding 1963).
 

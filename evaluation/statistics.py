@@ -80,7 +80,7 @@ def student_estimate(values: Sequence[float]) -> Estimate:
     """Mean of independent values, with Student's interval, which also holds for two or three.
 
     The bootstrap of three values ends at the smallest and the largest one, and held the mean of normal values in 75 %
-    of a thousand draws.
+    of 600 draws (a trial).
 
     Source: Student 1908.
 

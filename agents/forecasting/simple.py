@@ -15,9 +15,9 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 BIN_S = 900.0
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 MOST_ROWS = 20_000
+"""Largest number of windows of a linear regression; beyond, every n-th is used."""
 ROUNDS = 4
 """Of a regression with missing targets: at 30 % of them 0.8 % of their effect is left."""
-"""Largest number of windows of a linear regression; beyond, every n-th is used."""
 
 
 class Persistence(Forecaster):

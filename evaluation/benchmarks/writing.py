@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, Benchmark, Cell, ScriptedMission, TimeLimit
+from dohyo.evaluation.output_file import write_output
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import Place, Traffic
 
 _MEANINGS = {
@@ -37,11 +37,7 @@ def write_benchmark(benchmark: Benchmark, path: Path, notes: Mapping[str, str] |
     """
     if path.suffix != ".toml":
         raise InvalidInputError(f"'{path}': expected a .toml file")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, to_toml(benchmark, notes or {}).encode())
-    except OSError as error:
-        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
+    write_output(path, to_toml(benchmark, notes or {}).encode())
     return path
 
 

@@ -10,9 +10,8 @@ from markupsafe import Markup
 
 from dohyo.evaluation.freeway.benchmark import ForecastBenchmark
 from dohyo.evaluation.freeway.result import RESULT, FreewayResult, Row, rows
+from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.report.style import MISSING, number
-from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 
 PAGE = "report.html"
 
@@ -47,10 +46,7 @@ def write_page(out: Path, result: FreewayResult) -> Path:
     Raises:
         InvalidInputError: The file cannot be written.
     """
-    try:
-        write_atomically(out / PAGE, page(result).encode())
-    except OSError as error:
-        raise InvalidInputError(f"cannot write '{out / PAGE}': {error.strerror}") from error
+    write_output(out / PAGE, page(result).encode())
     return out / PAGE
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.parking.plan import plan_view
 from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.parking.result import MEASURES, ParkingResult, compare_parking, summarise_parking
@@ -17,7 +18,6 @@ from dohyo.evaluation.report.style import MISSING, number
 from dohyo.evaluation.statistics import Comparison
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 
 PLANS = 9
 """Plan views of each agent."""
@@ -69,10 +69,7 @@ def write_parking_page(path: Path, evaluated: Sequence[Evaluated]) -> Path:
     """
     if len({one.records[0].benchmark.sha256 for one in evaluated}) != 1:
         raise InvalidInputError("these evaluations are on different benchmarks; compare one at a time")
-    try:
-        write_atomically(path, _page(evaluated).encode())
-    except OSError as error:
-        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
+    write_output(path, _page(evaluated).encode())
     return path
 
 

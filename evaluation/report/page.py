@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report import figures
@@ -42,7 +43,6 @@ from dohyo.evaluation.scores.nuplan.summary import (
 )
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.files import write_atomically
 
 SHARED: Final = Path(__file__).parent / "static" / "shared"
 """Scripts and styles of tables, which the dashboard serves as they are."""
@@ -136,18 +136,8 @@ def write_report(
         "lost": [drive for drive in drives if drive.record.lost],
         "tables": csv_tables(contenders, pairs, counted),
     }
-    _write(path, _environment().get_template("report.html.j2").render(page))
+    write_output(path, _environment().get_template("report.html.j2").render(page).encode())
     return path
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        if path.is_dir():
-            raise InvalidInputError(f"cannot write '{path}': expected a file, got a folder")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text.encode())
-    except OSError as error:
-        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
 
 
 def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, ClosedLoopSummary, list[TypeRow]]]:

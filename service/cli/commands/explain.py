@@ -13,12 +13,12 @@ import typer
 from dohyo.agents.mcts.figure import draw_search
 from dohyo.evaluation.agent import Agent, Explanation, Observation
 from dohyo.evaluation.episode.runner import drive_episode
+from dohyo.evaluation.output_file import check_output, write_output
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_trajectory, read_whole_record
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.report.road_map import drivable_lanes
 from dohyo.service.cli.output import console
-from dohyo.service.cli.output_file import check_output, write_output
 from dohyo.service.cli.trust import Policy, Trust, trusted_agents
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.arrays import FloatArray

@@ -13,8 +13,8 @@ import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from dohyo.evaluation.output_file import check_output, unwritable
 from dohyo.service.cli.output import Json, console, number, print_json, print_rows
-from dohyo.service.cli.output_file import check_output, unwritable
 from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from dohyo.agents.league.edition import DOCUMENT, Discipline, Entrant, read_edit
 from dohyo.agents.league.evaluating import Progress
 from dohyo.agents.league.page import page
 from dohyo.agents.league.rows import check_version, read_comparable_rows, read_league_rows, versions_of
+from dohyo.evaluation.output_file import write_output
 from dohyo.service.cli.output import console
-from dohyo.service.cli.output_file import write_output
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -33,12 +33,12 @@ from dohyo.agents.localization.study.grid import study as run_study
 from dohyo.agents.localization.study.tables import by_sigma
 from dohyo.agents.localization.track import EstimatedTrack, follow, smooth
 from dohyo.agents.localization.track_file import write_track
+from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.report.pictures import write_page
 from dohyo.evaluation.scores.localization import accuracy, max_drift, p95, rmse
 from dohyo.service.cli.output import Json, console, number, print_json, print_rows
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.files import write_atomically
 
 FIGURE_PX = 1040
 
@@ -199,11 +199,7 @@ def _write_report(path: Path, title: str, result: Result) -> None:
     rows = {name: number(value) for name, value in facts.items()}
     rows |= {"warning": html.escape("; ".join(one.text for one in result.warnings))} if result.warnings else {}
     text = page(html.escape(title), figures, rows)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text.encode())
-    except OSError as error:
-        raise InvalidInputError(f"cannot write '{path}': {error.strerror}") from error
+    write_output(path, text.encode())
 
 
 def _track_figure(result: Result) -> go.Figure:

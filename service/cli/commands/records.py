@@ -35,6 +35,7 @@ from dohyo.evaluation.scores.nuplan.summary import (
     summarise_closed_loop,
 )
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
+from dohyo.evaluation.significance import FEWEST
 from dohyo.evaluation.statistics import Comparison
 from dohyo.evaluation.summary import Summary, common_drives, compare, score_drive, summarise, summarise_cells
 from dohyo.service.cli.by_agent import evaluations_of
@@ -63,8 +64,6 @@ RulesOption = Annotated[
 ]
 IrsOption = Annotated[Literal["completed", "driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
 DIFFERS = 1
-DECIDING = 6
-"""Fewest drives that can tell a mean from 0 at 5 %: 2 of 2^6 signs are as far from it, a share of 0.03."""
 
 
 def report(
@@ -107,7 +106,7 @@ def _print_verdicts(evaluations: Sequence[Evaluation], rules: Rules, irs_length:
             console.print(f"{a.agent} and {b.agent} have no common drive: same scenario, seed and ego")
             continue
         score = compare(a.records, b.records, rules=rules, irs_length=irs_length)["driving_score"]
-        few = score.difference.n < DECIDING
+        few = score.difference.n < FEWEST
         chance = "" if few else f", {probability(score.probability, a.agent, b.agent)}"
         console.print(f"{_verdict(a.agent, b.agent, 'driving score', score)}{chance}")
 
@@ -115,7 +114,7 @@ def _print_verdicts(evaluations: Sequence[Evaluation], rules: Rules, irs_length:
 def _verdict(a: str, b: str, score: str, found: Comparison) -> str:
     """Comparison of two agents in words: "a > b: driving score differs by 9.10 [3.00, 15.0] on 75 common drives"."""
     n = found.difference.n
-    drives = f"{n} common drive{'s' * (n != 1)}" + (", too few drives to decide" if n < DECIDING else "")
+    drives = f"{n} common drive{'s' * (n != 1)}" + (", too few drives to decide" if n < FEWEST else "")
     return f"{a} {found.verdict} {b}: {score} differs by {interval(found.difference)} on {drives}"
 
 

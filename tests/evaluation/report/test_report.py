@@ -257,20 +257,10 @@ def test_the_headline_is_explained_where_the_benchmark_says_it(tmp_path: Path) -
     assert "success: reaches the goal at 5 km/h." in page.text
 
 
-@pytest.mark.parametrize(
-    ("path", "says"),
-    [
-        (".", "cannot write '.': expected a file, got a folder"),
-        ("{folder}", "cannot write '{folder}': expected a file, got a folder"),
-        ("{folder}/file/report.html", "cannot write '{folder}/file/report.html': "),
-    ],
-)
-def test_a_path_that_cannot_be_written_is_refused_by_its_name(path: str, says: str, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
+def test_a_folder_is_no_report(tmp_path: Path) -> None:
     one = evaluation(drives("tester", [red()]), tmp_path)
-    with pytest.raises(InvalidInputError) as refused:
-        write_report([one], Path(path.format(folder=tmp_path)), lanes=cross)
-    assert str(refused.value).startswith(says.format(folder=tmp_path))
+    with pytest.raises(InvalidInputError, match="expected a file, got a folder"):
+        write_report([one], tmp_path, lanes=cross)
 
 
 def test_with_one_episode(tmp_path: Path) -> None:

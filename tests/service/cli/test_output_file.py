@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.evaluation.output_file import write_output
 from dohyo.service.cli import main
-from dohyo.service.cli.output_file import write_output
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Call = Callable[..., tuple[int, str]]
