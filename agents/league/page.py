@@ -9,7 +9,7 @@ from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
 from dohyo.agents.league.measures import MEASURES
-from dohyo.agents.league.standings import Place, mean_of, standings
+from dohyo.agents.league.standings import Place, better_of_missions, mean_of, standings
 from dohyo.agents.studies.rows import Row, infractions_per_km
 from dohyo.agents.studies.tables import anchor, fixed
 from dohyo.evaluation.families import Family
@@ -35,7 +35,8 @@ def page(edition: Edition, rows: Sequence[Row], more: str = "", versions: Sequen
     parts += [more] if more else []
     if missing := [one.title for one in edition.disciplines if not found[one.name]]:
         parts += ["## Not driven so far", "\n".join(f"* {title}." for title in missing)]
-    return "\n\n".join([*parts, "## Who enters", _entrants(edition), "## Seeds", _seeds(edition), _RULES]) + "\n"
+    parts += ["## Who enters", _entrants(edition), "## Seeds", _seeds(edition), _rules(edition, found, rows)]
+    return "\n\n".join(parts) + "\n"
 
 
 _HEAD: Final = """# League
@@ -47,11 +48,21 @@ In bold stands who leads a discipline, and everybody whose paired difference to 
 _RULES: Final = """## Rules
 
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 %, by flipped signs of the paired differences and after Holm's correction over all pairs of a discipline. Intervals are 95 %, bootstraps over drives or Wilson's of single vehicles' shares, and not corrected.
-* Seeds of one mission are drives in different traffic, and count each. A difference is thus one on these missions, in any traffic. Of other missions six or eight say little: if all seeds of a mission count once, differences are significant among the accidents and the excerpts alone (a trial).
+* Seeds of one mission are drives in different traffic, and count each. A difference is thus one on these missions, in any traffic. Of other missions a few say little: where all seeds of a mission count once, fewer differences are significant. That leaves: {left}.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
 * `dohyo league run` resumes; `dohyo league verify --sample 2` of the version that drove the rows drives two of everybody again, and compares the hashes of the records, and every measure.
 * Numbers of the sources were measured in other simulators, with other traffic and roads. They stand here to be seen, not to be compared."""  # noqa: E501
+
+
+def _rules(edition: Edition, found: Mapping[str, Sequence[Place]], rows: Sequence[Row]) -> str:
+    """How entrants are compared, and what is left of the differences where missions count, and not drives."""
+    told = []
+    for one in edition.disciplines:
+        if one.family is Family.DRIVING and (drives := sum(len(place.ahead_of) for place in found[one.name])):
+            left = better_of_missions(one, [place.entrant for place in found[one.name]], rows)
+            told.append(f"{one.name} {len(left)} of {drives}")
+    return _RULES.format(left=", ".join(told) or "none")
 
 
 def _seeds(edition: Edition) -> str:

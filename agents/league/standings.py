@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from statistics import median
-from typing import Final
+from statistics import fmean, median
+from typing import Any, Final
 
 from dohyo.agents.league.edition import Discipline, Entrant
 from dohyo.agents.league.measures import MEASURES, Measure
@@ -65,6 +65,24 @@ def standings(discipline: Discipline, entrants: Iterable[Entrant], rows: Sequenc
     return [replace(place, leads=_leads(place, places[0])) for place in places]
 
 
+def better_of_missions(
+    discipline: Discipline, entrants: Iterable[Entrant], rows: Sequence[Row]
+) -> list[tuple[str, str]]:
+    """Pairs of a better and a worse entrant where all seeds of a mission count once, by their mean.
+
+    Such a pair differs on other missions, too. An entrant with a lost drive has the mean of its mission's others.
+    """
+    return _better(discipline, list(entrants), [row for row in rows if row["benchmark"] == discipline.name], _missions)
+
+
+def _missions(matched: Matched) -> Matched:
+    """Mean over the seeds of each mission, as one scenario."""
+    seeds: dict[tuple[Any, ...], list[float]] = {}
+    for (benchmark, mission, _), values in matched.items():
+        seeds.setdefault((benchmark, mission), []).extend(values.values())
+    return {mission: {None: fmean(values)} for mission, values in seeds.items()}
+
+
 def _order(score: Estimate, measure: Measure) -> tuple[bool, float]:
     """Key by which the best comes first, and who has no value last."""
     return score.mean is None, (score.mean or 0.0) * (1.0 if measure.lower else -1.0)
@@ -74,10 +92,15 @@ def _leads(place: Place, first: Place) -> bool:
     return place.score.mean is not None and first.entrant.name not in place.behind
 
 
-def _better(discipline: Discipline, entrants: Sequence[Entrant], rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """Pairs of a better and a worse entrant, on the drives of both."""
+def _better(
+    discipline: Discipline,
+    entrants: Sequence[Entrant],
+    rows: Sequence[Row],
+    unit: Callable[[Matched], Matched] = lambda drives: drives,
+) -> list[tuple[str, str]]:
+    """Pairs of a better and a worse entrant, on what both drove; `unit` makes of drives what counts once."""
     claims = [Claim(a.name, ">", b.name, discipline.headline) for a, b in combinations(entrants, 2)]
-    judged = judge(claims, lambda claim, arm: _values(rows, arm, claim.measure))
+    judged = judge(claims, lambda claim, arm: unit(_values(rows, arm, claim.measure)))
     return [_ordered(one, MEASURES[discipline.headline].lower) for one in judged if one.adjusted < LEVEL]
 
 

@@ -100,6 +100,20 @@ def of_drivers(*names: str) -> Edition:
     return Edition(name="e", discipline=[small], entrant=entrants)  # type: ignore[arg-type]  # checked by pydantic
 
 
+def test_differences_of_seeds_of_few_missions_are_none_of_missions() -> None:
+    """Two arms on eight missions with one seed, and on one mission with eight."""
+    edition = of_drivers("a", "b")
+    scores = {"a": [90.0 + i for i in range(8)], "b": [20.0 + i for i in range(8)]}
+    missions = rows_of(**scores)
+    seeds = [row | {"scenario": "m0", "seed": i} for arm in scores for i, row in enumerate(of_arm(missions, arm))]
+    assert "That leaves: junction 1 of 1." in page(edition, missions)
+    assert "That leaves: junction 0 of 1." in page(edition, seeds)
+
+
+def of_arm(rows: list[Row], arm: str) -> list[Row]:
+    return [row for row in rows if row["arm"] == arm]
+
+
 def test_rows_hold_scores_and_the_hash_of_the_record_that_an_evaluation_keeps(driven: Path) -> None:
     rows = {(row["benchmark"], row["arm"], row["seed"]): row for row in read_rows(driven)}
     assert list(rows) == [
