@@ -15,7 +15,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from dohyo.evaluation.significance import differ
+from dohyo.evaluation.significance import FEWEST, differ
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -51,13 +51,14 @@ class Comparison:
 
     Attributes:
         difference: Mean of a - b, with its interval.
-        probability: P(a > b), the share of resamples in which that mean is above 0.
+        probability: P(a > b), the share of resamples in which that mean is above 0; None with fewer than `FEWEST`
+            pairs, whose resamples are too much alike.
         verdict: ">" or "<" where flipped signs tell the mean from 0 at 5 %, a significant difference; else "=". Fewer
-            than six pairs show none, whatever their interval.
+            than `FEWEST` pairs show none, whatever their interval.
     """
 
     difference: Estimate
-    probability: float
+    probability: float | None
     verdict: Verdict
 
 
@@ -177,7 +178,8 @@ def paired(a: Sequence[float], b: Sequence[float], *, n_resamples: int = N_RESAM
     differences = np.sort(columns[:, 0] - columns[:, 1])
     means = _resampled_sums(differences[:, None], n_resamples, seed)[:, 0] / n
     difference = _estimate(math.fsum(differences) / n, means, n)
-    return Comparison(difference, float(np.mean(means > 0.0)), _verdict(differences))
+    probability = float(np.mean(means > 0.0)) if n >= FEWEST else None
+    return Comparison(difference, probability, _verdict(differences))
 
 
 def significantly_below(best: FloatArray, others: FloatArray) -> BoolArray:

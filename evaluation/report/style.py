@@ -20,6 +20,8 @@ OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "
 """The eight colours of Okabe and Ito, with grey instead of black, since a page may be dark."""
 SANS = "ui-sans-serif, system-ui, sans-serif"
 MISSING = "\N{EM DASH}"
+TOO_FEW = "too few to decide"
+"""In place of a probability of fewer than six pairs; the dashboard has the same words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +139,10 @@ def interval(estimate: Estimate) -> str:
     return f"{number(estimate.mean)} [{number(estimate.low)}, {number(estimate.high)}] n={estimate.n}"
 
 
-def probability(value: float, a: str = "A", b: str = "B") -> str:
+def probability(value: float | None, a: str = "A", b: str = "B") -> str:
     """Probability that `a` scores higher than `b`, such as `P(A > B) = 0.873`; the dashboard has the same form."""
+    if value is None:
+        return TOO_FEW
     if value >= 0.9995:
         return f"P({a} > {b}) > 0.999"
     if value < 0.0005:

@@ -22,7 +22,10 @@ class ComparisonView(View):
     """
 
     difference: Annotated[EstimateView, Field(description="Mean of the differences.")]
-    probability: Annotated[float, Field(description="Share of resamples in which the difference is above 0.")]
+    probability: Annotated[
+        float | None,
+        Field(description="Share of resamples in which the difference is above 0; null below six common drives."),
+    ]
     verdict: Annotated[
         Literal["<", "=", ">"],
         Field(description="< significantly below 0, > significantly above 0, = no significant difference."),

@@ -59,7 +59,7 @@ class ComparisonView(TypedDict):
     """Paired difference of two sides over their common drives."""
 
     difference: EstimateView
-    probability: float
+    probability: float | None
     verdict: Literal["<", "=", ">"]
 
 

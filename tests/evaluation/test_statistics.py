@@ -95,6 +95,11 @@ def test_pairing_sees_what_the_scenarios_spread_hides() -> None:
     assert paired(difficulty.tolist(), a.tolist()).verdict == "<"
 
 
+@pytest.mark.parametrize(("pairs", "probability"), [(1, None), (5, None), (6, 1.0)])
+def test_few_pairs_have_no_probability(pairs: int, probability: float | None) -> None:
+    assert paired([2.0] * pairs, [1.0] * pairs).probability == probability
+
+
 def test_what_is_alike_is_not_told_apart() -> None:
     assert paired([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]).verdict == "="
     noise = np.random.default_rng(5).normal(0.0, 1.0, 30)

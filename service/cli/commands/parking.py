@@ -69,7 +69,7 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
     for first, second, comparison in comparisons(evaluated):
         console.print(
             f"{first} {comparison.verdict} {second}: success differs by {interval(comparison.difference)} points on "
-            f"{comparison.difference.n} common lots"
+            f"{comparison.difference.n} common lot{'s' * (comparison.difference.n != 1)}"
         )
     console.print(f"report: {path.resolve()}", soft_wrap=True)
 

@@ -106,8 +106,7 @@ def _print_verdicts(evaluations: Sequence[Evaluation], rules: Rules, irs_length:
             console.print(f"{a.agent} and {b.agent} have no common drive: same scenario, seed and ego")
             continue
         score = compare(a.records, b.records, rules=rules, irs_length=irs_length)["driving_score"]
-        few = score.difference.n < FEWEST
-        chance = "" if few else f", {probability(score.probability, a.agent, b.agent)}"
+        chance = "" if score.probability is None else f", {probability(score.probability, a.agent, b.agent)}"
         console.print(f"{_verdict(a.agent, b.agent, 'driving score', score)}{chance}")
 
 

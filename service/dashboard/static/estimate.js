@@ -69,8 +69,9 @@ export function agentName(name, colour, href = `/agents/${encodeURIComponent(nam
   );
 }
 
-/** A probability with its event, such as `P(A > B) = 0.873`; reports write it in the same form. */
+/** A probability with its event, such as `P(A > B) = 0.873`, or that few drives tell none; reports write the same. */
 function probabilityText(event, probability) {
+  if (probability === null) return "too few to decide";
   if (probability >= 0.9995) return `${event} >\u00a00.999`;
   if (probability < 0.0005) return `${event} <\u00a00.001`;
   return `${event} =\u00a0${probability.toFixed(3)}`;
@@ -84,7 +85,7 @@ const DIRECTIONS = {
 
 /**
  * The verdict of a paired test as a sign, and the probability that A is higher or better than B.
- * @param comparison A - B, with `probability` that of a difference above 0
+ * @param comparison A - B, with `probability` that of a difference above 0; null: too few drives
  * @param {string} subject A and B in words
  * @param {"higher" | "better"} direction what a difference above 0 means
  */

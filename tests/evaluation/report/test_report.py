@@ -390,9 +390,10 @@ def test_an_estimate_reads_as_mean_interval_and_n(estimate: Estimate, expected: 
         (0.873, "P(A > B) = 0.873"),
         (0.0005, "P(A > B) = 0.001"),
         (0.0, "P(A > B) < 0.001"),
+        (None, "too few to decide"),
     ],
 )
-def test_a_probability_is_never_written_as_certain(value: float, expected: str) -> None:
+def test_a_probability_is_never_written_as_certain(value: float | None, expected: str) -> None:
     assert look.probability(value) == expected
 
 
