@@ -42,8 +42,8 @@ def expert(options: TrainedOptions, problem: str) -> Path | None:
 
 
 def problem_of(cell: Cell) -> str:
-    """Name of the problem of a cell."""
-    return cell.benchmark.partition(",")[0]
+    """Name of the problem of a cell, which is that of its arm, or of which it is an expert."""
+    return ARMS[cell.arm].problem if cell.arm in ARMS else cell.benchmark.partition(",")[0]
 
 
 def shown_in(runs: Path, arm: GriArm) -> Path:

@@ -66,9 +66,7 @@ def work(options: Options, job: Job) -> Iterator[Row]:
     if job[0].arm not in ARMS:
         yield from _expert_rows(options, job)
         return
-    arm, seed = ARMS[job[0].arm], job[0].training_seed or 0
-    config = arm.config(seed, shown_in(options.runs, arm))
-    policy = options.trained(f"{job[0].arm}/seed-{seed}", partial(train_to_the_end, GRI, "gri", config), "policy.onnx")
+    config, policy = config_of(options, job[0]), policy_of(options, job[0])
     ended = judged(task_of(config.env, JUDGED.start, len(JUDGED)), OnnxPolicy(policy))
     curve, rounds = (columns(policy.with_name(f"{name}.csv")) for name in ("evaluations", "metrics"))
     returns = list(zip(curve["steps"].tolist(), curve["return"].tolist(), strict=True))
@@ -79,6 +77,23 @@ def work(options: Options, job: Job) -> Iterator[Row]:
         # A round in which a simulation was lost has fewer steps, and the next evaluation comes some steps late.
         measures = {"return": _first_from(at, returns)} if cell.benchmark.endswith(CURVE) else ended[at]
         yield {**cell._asdict(), **facts, **measures}
+
+
+def config_of(options: Options, cell: Cell) -> GriRunConfig:
+    """Settings of the training of a cell."""
+    arm = ARMS[cell.arm]
+    return arm.config(cell.training_seed or 0, shown_in(options.runs, arm))
+
+
+def policy_of(options: Options, cell: Cell) -> Path:
+    """Last policy of the training of a cell, which is trained unless that is done.
+
+    Raises:
+        RunStoppedError: The training was stopped.
+        SimulationError: There is no policy so far.
+    """
+    train = partial(train_to_the_end, GRI, "gri", config_of(options, cell))
+    return options.trained(f"{cell.arm}/seed-{cell.training_seed}", train, "policy.onnx")
 
 
 def _first_from(step: int, returns: Sequence[tuple[float, float]]) -> float:
