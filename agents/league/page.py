@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
@@ -43,7 +43,7 @@ _HEAD: Final = """# League
 
 {told} Edition {edition}, {driven}written from stored rows by `dohyo league table`.
 
-In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant after a correction over all pairs of the discipline. With few drives that leaves many in bold who drive worse: their numbers tell more."""  # noqa: E501
+In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant after a correction over all pairs of the discipline. With few drives that leaves many in bold who drive worse: their numbers tell more. Entrants stand by their mean rank."""  # noqa: E501
 
 _RULES: Final = """## Rules
 
@@ -79,7 +79,7 @@ def _overview(edition: Edition, found: Mapping[str, Sequence[Place]]) -> str:
     parts = []
     for family in dict.fromkeys(one.family for one in edition.disciplines):
         disciplines = [one for one in edition.disciplines if one.family is family]
-        entrants = [one for one in edition.entrants if one.family is family]
+        entrants = _best_first((one for one in edition.entrants if one.family is family), disciplines, found)
         heads = ["", *(f"[{one.name}](#{anchor(one.title)})" if found[one.name] else one.name for one in disciplines)]
         lines = [
             [one.name, *(_glance(discipline, found[discipline.name], one) for discipline in disciplines)]
@@ -88,6 +88,17 @@ def _overview(edition: Edition, found: Mapping[str, Sequence[Place]]) -> str:
         units = ["*measure*", *(f"*{MEASURES[one.headline].title}*" for one in disciplines)]
         parts.append(markdown(heads, [units, *lines]))
     return "\n\n".join(parts)
+
+
+def _best_first(
+    entrants: Iterable[Entrant], disciplines: Sequence[Discipline], found: Mapping[str, Sequence[Place]]
+) -> list[Entrant]:
+    """Entrants by their mean rank; where one has no rows it is behind all others."""
+
+    def rank(entrant: Entrant, places: Sequence[Place]) -> int:
+        return next((_rank(one, places) for one in places if one.entrant.name == entrant.name), 1 + len(places))
+
+    return sorted(entrants, key=lambda entrant: sum(rank(entrant, found[one.name]) for one in disciplines))
 
 
 def _glance(discipline: Discipline, places: Sequence[Place], entrant: Entrant) -> str:

@@ -110,6 +110,12 @@ def test_differences_of_seeds_of_few_missions_are_none_of_missions() -> None:
     assert "That leaves: junction 0 of 1." in page(edition, seeds)
 
 
+def test_the_overview_has_the_best_first_and_who_did_not_drive_last() -> None:
+    text = page(of_drivers("absent", "worse", "better"), rows_of(worse=[20.0], better=[30.0]))
+    overview = text[: text.index("## ")]
+    assert overview.index("| better |") < overview.index("| worse |") < overview.index("| absent |")
+
+
 def of_arm(rows: list[Row], arm: str) -> list[Row]:
     return [row for row in rows if row["arm"] == arm]
 
