@@ -65,6 +65,8 @@ def test_the_leaderboard_of_another_track_and_benchmark_is_chosen_by_the_address
 def test_the_league_shows_who_leads_each_discipline_and_what_the_sources_say(visit: Visitor) -> None:
     page = visit().go("/league")
     expect(page.locator("h1 + p")).to_contain_text("driven with dohyo ")
+    excerpts = page.locator("tr", has_text="Excerpts of recorded traffic").first
+    expect(excerpts).to_contain_text("pdm-closed, pdm-hybrid")  # which drives as the other one: both are first
     parking = page.locator("section#parking")
     assert [row.split("\n")[0] for row in parking.locator("tbody th").all_inner_texts()][:1] == ["parking-expert"]
     expect(parking.locator("tbody tr").first.locator("th b")).to_have_text("parking-expert")

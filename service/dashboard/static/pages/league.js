@@ -12,7 +12,7 @@ const PERCENT = 100; // upper end of the axis of scores that are shares
 
 const LEADERS = [
   { title: "discipline", cell: (one) => h("a", { href: `#${one.name}` }, one.title), csv: (one) => one.name },
-  { title: "leads", cell: (one) => one.places[0].entrant, csv: (one) => one.places[0].entrant },
+  { title: "leads", cell: (one) => names(first(one)), csv: (one) => names(first(one)) },
   {
     title: "score",
     numeric: true,
@@ -22,15 +22,15 @@ const LEADERS = [
   {
     title: "not significantly behind",
     css: "plain",
-    cell: (one) => one.places.slice(1).filter((place) => place.leads).map((place) => place.entrant).join(", ") || "nobody",
-    csv: (one) => one.places.slice(1).filter((place) => place.leads).length,
+    cell: (one) => names(close(one)) || "nobody",
+    csv: (one) => close(one).length,
   },
 ];
 
 page(async () => {
   const { edition, versions, told, looked_at, disciplines } = await get("/v1/league");
-  const names = disciplines.flatMap((one) => one.places.map((place) => place.entrant));
-  const colour = await colours([...new Set(names)]);
+  const entrants = disciplines.flatMap((one) => one.places.map((place) => place.entrant));
+  const colour = await colours([...new Set(entrants)]);
   const driven = disciplines.filter((one) => one.places.length);
   const open = disciplines.filter((one) => !one.places.length);
   fill(
@@ -56,6 +56,15 @@ page(async () => {
 });
 
 const headlineOf = (discipline, place) => place.scores[discipline.measures[0].key];
+const isFirst = (discipline, place) => headlineOf(discipline, place).mean === headlineOf(discipline, discipline.places[0]).mean;
+
+/** Places with the best mean, which several may share. */
+const first = (discipline) => discipline.places.filter((place) => isFirst(discipline, place));
+
+/** Places below these that are not significantly behind. */
+const close = (discipline) => discipline.places.filter((place) => place.leads && !isFirst(discipline, place));
+
+const names = (places) => places.map((place) => place.entrant).join(", ");
 
 /** One discipline: its places, the best first. */
 function section(discipline, colour) {
