@@ -1,4 +1,4 @@
-"""Red light: the ego crosses a stop line while its light is red."""
+"""Red light: the ego crosses a stop line, or passes it beside its road, while its light is red."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.rules.red_signal import red_signal
-from dohyo.sumo_networks.rules.stop_lines import Point, axis_point, crossed_stop_lines, front
+from dohyo.sumo_networks.rules.stop_lines import Point, axis_point, crossed_stop_lines, front, passed_stop_lines
 from dohyo.sumo_networks.world import World
 
 
@@ -21,7 +21,8 @@ class RedLight(Criterion):
 
     The state of the light is that after the tick, under which SUMO moved the traffic in that tick. If the ego's route
     crosses the stop line, the signal of the route decides; elsewhere the light is red if every signal of the lane is
-    red. The same light, which is one approach to a junction, is not counted twice in a row.
+    red. The same light, which is one approach to a junction, is not counted twice in a row. A line of the route counts
+    also where the front passes it beside the road.
 
     Attributes:
         reference: Part of the ego that must cross. "front" (default): the middle of the front bumper. "tail": CARLA's
@@ -46,7 +47,8 @@ class RedLight(Criterion):
         if not self._any_lit:
             return
         motion = _front_motion if self.reference == "front" else _tail
-        for row in crossed_stop_lines(after, ego, *motion(before, after, ego)):
+        crossed = crossed_stop_lines(after, ego, *motion(before, after, ego))
+        for row in (*crossed, *passed_stop_lines(before, after, ego)):
             network = after.network
             lane = int(network.stop_lines.lane[row])
             signal = red_signal(after, ego, lane) if network.stop_lines.lit[row] else -1

@@ -11,7 +11,7 @@ from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.rules.red_signal import has_stop_arrow
-from dohyo.sumo_networks.rules.stop_lines import crossed_stop_lines, distance_to_line, front
+from dohyo.sumo_networks.rules.stop_lines import crossed_stop_lines, distance_to_line, front, passed_stop_lines
 from dohyo.sumo_networks.world import World
 
 
@@ -20,7 +20,8 @@ class StopSign(Criterion):
     """Detects rolling over the line of a stop sign, or over a light's line while its green right-turn arrow shows.
 
     The ego must have stood in the last metres that it drove before its front crossed the line. CARLA's trigger area is
-    a box around the sign; SUMO does not know the place of signs. The state of the light is that after the tick.
+    a box around the sign; SUMO does not know the place of signs. The state of the light is that after the tick. A line
+    of the route counts also where the front passes it beside the road.
 
     Attributes:
         within_m: Largest distance before the line at which the ego's front must have stood, m.
@@ -47,7 +48,8 @@ class StopSign(Criterion):
         if before.egos.speed[ego] < self.standing_mps:
             self._stood_at = before.egos.driven.item(ego)
         fore = front(before.egos, ego)
-        for row in crossed_stop_lines(after, ego, fore, front(after.egos, ego)):
+        crossed = crossed_stop_lines(after, ego, fore, front(after.egos, ego))
+        for row in (*crossed, *passed_stop_lines(before, after, ego)):
             stop_lines = after.network.stop_lines
             to_line = distance_to_line(*fore, *stop_lines.segment[row].tolist())
             if before.egos.driven[ego] - self._stood_at + to_line <= self.within_m:

@@ -1,12 +1,18 @@
-"""Stop lines: those that an ego's motion crosses, and the distance of a point from one."""
+"""Stop lines: those that an ego's motion crosses or that it passes beside its road, and the distance from one."""
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
+import numpy as np
+
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.world import Egos, World
 
 Point = tuple[float, float]
+BESIDE_M: Final = 10.0
+"""Largest distance beside its road at which an ego still passes the stop lines of the road."""
 
 
 def axis_point(egos: Egos, ego: int, ahead: float) -> Point:
@@ -55,6 +61,39 @@ def crossed_stop_lines(world: World, ego: int, start: Point, end: Point) -> list
     guarded = world.network.stop_lines.lane[rows]
     meets = on_route[guarded] | (lanes.edge[guarded] == lanes.edge[here])
     return [int(row) for row in rows[meets]]
+
+
+def passed_stop_lines(before: World, after: World, ego: int) -> list[int]:
+    """Stop lines of an ego's route that its front passes beside all lanes of the road, such as on a cycle path.
+
+    Without them a light could be passed on the verge, for a stop line is as wide as its lane.
+
+    Returns:
+        Rows of `RoadNetwork.stop_lines`.
+    """
+    half = 0.5 * after.egos.length.item(ego)
+    start, end = before.egos.progress.item(ego) + half, after.egos.progress.item(ego) + half
+    network, point = after.network, front(after.egos, ego)
+    lanes = [
+        network.connections.source.item(passage.connection)
+        for passage in after.routes[ego].passages
+        if start < passage.entry <= end
+    ]
+    guarded = network.stop_lines.lane
+    return [
+        int(np.searchsorted(guarded, lane)) for lane in lanes if lane in guarded and _is_beside(network, lane, point)
+    ]
+
+
+def _is_beside(network: RoadNetwork, lane: int, point: Point) -> bool:
+    """Whether a point is beside all lanes of a lane's road at their end, by at most `BESIDE_M`."""
+    lanes = network.lanes
+    road = np.flatnonzero((lanes.edge == lanes.edge[lane]) & lanes.drivable)
+    ends, before = lanes.points[lanes.start[road + 1] - 1], lanes.points[lanes.start[road + 1] - 2]
+    along, away = ends - before, np.array(point) - ends
+    across = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / np.hypot(along[:, 0], along[:, 1])
+    beyond = float((across - 0.5 * lanes.width[road]).min())
+    return 0.0 < beyond <= BESIDE_M
 
 
 def distance_to_line(x: float, y: float, right_x: float, right_y: float, left_x: float, left_y: float) -> float:

@@ -92,6 +92,28 @@ def test_the_neighbouring_lanes_line_counts_for_the_tail_of_an_ego_back_on_the_r
     assert len(run(worlds, RedLight("tail")).infractions) == 1
 
 
+@pytest.mark.parametrize(
+    ("left", "count"),
+    [(-1.55, 1), (-1.7, 1), (-2.05, 1), (-5.0, 1), (-13.0, 0), (LANE_M + 1.7, 1), (LANE_M + 4.0, 1)],
+)
+def test_a_line_of_the_route_is_passed_beside_the_road_too(left: float, count: int) -> None:
+    """Within the lane, on its edge, on the verge, on a path; in a field; and in the oncoming lanes."""
+    scene = approaching(lit_crossing(), left=left).with_lights(RED)
+    assert len(run(scene, RedLight()).infractions) == count
+    assert run(scene.with_lights(GREEN), RedLight()).infractions == []
+
+
+def test_who_stands_beside_the_road_before_a_red_light_passes_nothing() -> None:
+    scene = approaching(lit_crossing(), speed=0.0, left=-2.0).with_lights(RED)
+    assert run(scene, RedLight()).infractions == []
+
+
+def test_a_lane_without_a_line_of_its_own_is_not_beside_the_road() -> None:
+    mission = Mission(start=Place(lane="w_c_0"), goal=Place(lane="c_e_0", position_m=-1.0))
+    scene = approaching(dataclasses.replace(lit_crossing(), mission=mission), left=LANE_M)
+    assert run(scene.with_lights(GREEN, s=RED), RedLight()).infractions == []
+
+
 def test_crossing_a_line_backwards_does_not_count() -> None:
     scene = lit_crossing().with_ego(x=-6, speed=10, heading=math.pi).with_lights(RED)
     assert run(scene, RedLight()).infractions == []

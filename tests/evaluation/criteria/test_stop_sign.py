@@ -38,6 +38,13 @@ def test_rolling_over_the_line_counts_once() -> None:
     assert infraction.unit == "m/s"
 
 
+@pytest.mark.parametrize(("left", "count"), [(-2.0, 1), (-5.0, 1), (-13.0, 0)])
+def test_the_line_is_passed_beside_the_road_too(left: float, count: int) -> None:
+    scene = stop_sign_crossing()
+    rolling = scene.with_ego(x=scene.stop_line("w_c_0") - 10, speed=2.0, left=left)
+    assert len(run(rolling, StopSign(), seconds=8).infractions) == count
+
+
 @pytest.mark.parametrize(("slowest", "count"), [(0.09, 0), (0.11, 1)])
 def test_slower_than_a_tenth_of_a_metre_per_second_is_standing(slowest: float, count: int) -> None:
     scene = stop_sign_crossing()
