@@ -18,6 +18,7 @@ from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Kind
 from dohyo.evaluation.records.store import read_whole_record
 from dohyo.evaluation.running.executors import Executor, ProcessPool
 from dohyo.evaluation.running.job import Job
+from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, Manifest, manifest_of, read_manifest
 from dohyo.evaluation.running.membership import check_agents, check_members
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -92,8 +93,9 @@ def run_benchmark(
 
     Raises:
         InvalidInputError: An unknown name, an agent that cannot be made, a mission that cannot be driven, or a folder
-            that holds another evaluation, or missions that are not among those to drive. Nothing has been written then.
-            Or a record cannot be written; those of finished episodes stay, and a second call continues.
+            that another process uses, or that holds another evaluation, or missions that are not among those to drive.
+            Nothing has been written then. Or a record cannot be written; those of finished episodes stay, and a second
+            call continues.
     """
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
@@ -104,36 +106,36 @@ def run_benchmark(
     scenarios = select(everything, only, sample)
     missions = tuple(dict.fromkeys(scenario.name for scenario in scenarios))
     part = missions if len(missions) < benchmark.size else None
-    manifest = _claim(out, manifest_of(infos, benchmark, benchmark.sha256, part, seeds))
-
-    stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
-    finished = _finished(out, stems, scenarios, manifest, infos)
-    resumed = len(finished)
-    todo = [scenario for scenario, stem in zip(scenarios, stems, strict=True) if stem not in finished]
-    prepare_logs(todo, benchmark.reference_agent, getattr(executor, "workers", None) or 1, preparing)
-    progress(None, resumed, len(scenarios))
-    jobs = [
-        Job(
-            scenario,
-            {mission.name: infos[mission.name] for mission in scenario.missions},
-            (benchmark.name, manifest.benchmark_sha256),
-            out / RECORDS,
-            stem,
-            act_deadline_s,
+    with held(out, read_only=True):
+        manifest = _claim(out, manifest_of(infos, benchmark, benchmark.sha256, part, seeds))
+        stems = [f"{scenario.name}-s{scenario.seed}" for scenario in scenarios]
+        finished = _finished(out, stems, scenarios, manifest, infos)
+        resumed = len(finished)
+        todo = [scenario for scenario, stem in zip(scenarios, stems, strict=True) if stem not in finished]
+        prepare_logs(todo, benchmark.reference_agent, getattr(executor, "workers", None) or 1, preparing)
+        progress(None, resumed, len(scenarios))
+        jobs = [
+            Job(
+                scenario,
+                {mission.name: infos[mission.name] for mission in scenario.missions},
+                (benchmark.name, manifest.benchmark_sha256),
+                out / RECORDS,
+                stem,
+                act_deadline_s,
+            )
+            for scenario, stem in zip(scenarios, stems, strict=True)
+            if stem not in finished
+        ]
+        for record in (executor or ProcessPool()).run(jobs[::-1] if reverse else jobs):
+            finished[f"{record.scenario.name}-s{record.scenario.seed}"] = record
+            progress(record, len(finished), len(scenarios))
+        return Result(
+            manifest=manifest,
+            records=tuple(finished[stem] for stem in stems),
+            paths=tuple(out / RECORDS / f"{stem}.json" for stem in stems),
+            resumed=resumed,
+            ordered=len(scenarios),
         )
-        for scenario, stem in zip(scenarios, stems, strict=True)
-        if stem not in finished
-    ]
-    for record in (executor or ProcessPool()).run(jobs[::-1] if reverse else jobs):
-        finished[f"{record.scenario.name}-s{record.scenario.seed}"] = record
-        progress(record, len(finished), len(scenarios))
-    return Result(
-        manifest=manifest,
-        records=tuple(finished[stem] for stem in stems),
-        paths=tuple(out / RECORDS / f"{stem}.json" for stem in stems),
-        resumed=resumed,
-        ordered=len(scenarios),
-    )
 
 
 def read_result(out: Path) -> Result:

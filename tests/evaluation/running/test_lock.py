@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -54,3 +57,16 @@ def test_a_file_in_its_place_is_named(tmp_path: Path) -> None:
 def test_the_same_process_cannot_hold_it_twice(tmp_path: Path) -> None:
     with held(tmp_path), pytest.raises(InvalidInputError, match="is in use"), held(tmp_path):
         pytest.fail("held twice")
+
+
+def test_where_nobody_may_write_it_goes_on_without_a_lock_if_reading_will_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(lock: FileLock) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(FileLock, "acquire", refuse)
+    with held(tmp_path, read_only=True):
+        pass
+    with pytest.raises(InvalidInputError, match="cannot be used: Read-only file system"), held(tmp_path):
+        pytest.fail("held")

@@ -19,6 +19,7 @@ from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.running import executors, run
 from dohyo.evaluation.running.executors import ProcessPool
+from dohyo.evaluation.running.lock import held
 from dohyo.evaluation.running.manifest import part_of_record
 from dohyo.evaluation.running.run import Result, read_result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -194,6 +195,14 @@ def test_a_folder_that_cannot_hold_the_manifest_is_refused(tmp_path: Path, monke
     monkeypatch.setattr(run, "write_atomically", refuse)
     with pytest.raises(InvalidInputError, match=r"cannot write results to '.*': No space left on device"):
         run_benchmark(benchmark(missions=1), STEADY, seeds=[0], out=tmp_path)
+
+
+def test_a_folder_that_another_process_uses_is_refused_and_nothing_is_driven(tmp_path: Path) -> None:
+    out, settings = tmp_path / "out", {"file": str(tmp_path / "notes")}
+    with held(out), pytest.raises(InvalidInputError, match="'.*out' is in use by another process: wait until it ends"):
+        run_benchmark(benchmark(missions=1), "tests.evaluation.agents:Noted", settings=settings, seeds=[0], out=out)
+    assert [path.name for path in out.iterdir()] == [".lock"]
+    assert not (tmp_path / "notes").exists()
 
 
 SHORT = """
