@@ -9,8 +9,8 @@ generator is fixed: an estimate depends on the values alone, not on their order.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -114,6 +114,11 @@ def share_estimate(successes: Sequence[bool]) -> Estimate:
     return Estimate(100.0 * share, 100.0 * low, 100.0 * high, n)
 
 
+def percent_estimate(values: Sequence[float]) -> Estimate:
+    """`share_estimate` of values that are 0 or 100."""
+    return share_estimate([value > 0.0 for value in values])
+
+
 def _wilson(k: int, n: int) -> tuple[float, float]:
     """Interval of a share of k of n; scipy.stats has it too, but needs a second to import.
 
@@ -161,6 +166,26 @@ def ratio_estimate(
         return Estimate(0.0, 0.0, -math.log(_TAILS[0]) / max(floor, math.fsum(denominators)), n)
     sums = _resampled_sums(columns, n_resamples, seed)
     return _estimate(ratio, sums[:, 0] / np.maximum(floor, sums[:, 1]), n)
+
+
+def grouped_estimate(groups: Sequence[Sequence[float]], alone: Callable[[Sequence[float]], Estimate]) -> Estimate:
+    """Mean of all values of groups, such as the egos of one episode, whose values depend on each other.
+
+    Args:
+        groups: Values of each group; at least one.
+        alone: Estimate of independent values, which it is where every group has one value.
+
+    Returns:
+        The mean with the interval of resampled groups; `n` is the number of values. Where all values are equal, which
+        resampling shows no spread of, a group counts as one value.
+    """
+    if all(len(group) == 1 for group in groups):
+        return alone([group[0] for group in groups])
+    values = [value for group in groups for value in group]
+    if len(set(values)) == 1:
+        return replace(alone([group[0] for group in groups]), n=len(values))
+    found = ratio_estimate([math.fsum(group) for group in groups], [len(group) for group in groups], floor=1.0)
+    return replace(found, n=len(values))
 
 
 def paired(a: Sequence[float], b: Sequence[float], *, n_resamples: int = N_RESAMPLES, seed: int = SEED) -> Comparison:

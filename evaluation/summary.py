@@ -7,6 +7,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from statistics import fmean
 from types import MappingProxyType
 from typing import Any
 
@@ -25,8 +27,15 @@ from dohyo.evaluation.scores.driving import (
     route_completion,
     route_km,
 )
-from dohyo.evaluation.scores.rates import infraction_counts
-from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from dohyo.evaluation.statistics import (
+    Comparison,
+    Estimate,
+    grouped_estimate,
+    mean_estimate,
+    paired,
+    percent_estimate,
+    ratio_estimate,
+)
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SCORES = (
@@ -46,6 +55,8 @@ SHARES = ("success", "nocrash_success", "drove_2500m")
 @dataclass(frozen=True, slots=True)
 class Summary:
     """One agent on one benchmark; every mean is over drives (one ego of one episode).
+
+    The egos of one episode meet each other, so that intervals are over episodes.
 
     Attributes:
         agent: Name of the agent.
@@ -104,7 +115,7 @@ def summarise(
     counted = [record for record in records if not record.lost]
     _reject_repeats(counted)
     drives = [ego for record in counted for ego in record.egos]
-    scored = [score_drive(ego, rules=rules, irs_length=irs_length) for ego in drives]
+    scored = [[score_drive(ego, rules=rules, irs_length=irs_length) for ego in record.egos] for record in counted]
     statuses = Counter(ego.status for ego in drives)
     lost_drives = unrecorded + sum(len(record.egos) for record in records if record.lost)
     return Summary(
@@ -117,7 +128,7 @@ def summarise(
         lost=lost_drives,
         scores=_scores(scored, lost_drives=0),
         scores_lost_as_zero=_scores(scored, lost_drives) if lost_drives else None,
-        per_km=_per_km(drives),
+        per_km=_per_km(counted),
         statuses={status.value: statuses[status] for status in Status if statuses[status]},
         km=math.fsum(map(route_km, drives)),
     )
@@ -152,7 +163,8 @@ def compare(
 ) -> dict[str, Comparison]:
     """Compares two agents on the drives of both: same scenario name, seed and ego name.
 
-    Drives of only one agent and lost episodes are left out; `difference.n` of each comparison is the number of pairs.
+    Drives of only one agent and lost episodes are left out. The egos of one episode are one pair, by their means, since
+    they meet each other; `difference.n` of each comparison is the number of pairs.
 
     Returns:
         Comparison (a - b) for every name in `SCORES`.
@@ -170,9 +182,17 @@ def compare(
     for key in keys:
         if side_a[key][0] != side_b[key][0]:
             raise InvalidInputError(f"scenario '{key[0]}' with seed {key[1]} is not the same on both sides")
-    scored_a = [score_drive(side_a[key][1], rules=rules, irs_length=irs_length) for key in keys]
-    scored_b = [score_drive(side_b[key][1], rules=rules, irs_length=irs_length) for key in keys]
-    return {name: paired([one[name] for one in scored_a], [one[name] for one in scored_b]) for name in SCORES}
+    episodes = [[*some] for _, some in groupby(keys, lambda key: key[:2])]
+    scored_a, scored_b = (
+        [[score_drive(side[key][1], rules=rules, irs_length=irs_length) for key in some] for some in episodes]
+        for side in (side_a, side_b)
+    )
+    return {name: paired(_means(scored_a, name), _means(scored_b, name)) for name in SCORES}
+
+
+def _means(episodes: Iterable[Sequence[dict[str, float]]], name: str) -> list[float]:
+    """Mean of a score over the egos of each episode."""
+    return [fmean(ego[name] for ego in egos) for egos in episodes]
 
 
 def common_drives(records_a: Iterable[EpisodeRecord], records_b: Iterable[EpisodeRecord]) -> int:
@@ -199,20 +219,25 @@ def as_document(summary: Summary) -> dict[str, Any]:
     return dataclasses.asdict(summary)
 
 
-def _scores(scored: Sequence[dict[str, float]], lost_drives: int) -> dict[str, Estimate]:
-    """Estimate of every score over scored drives and over lost drives, which count 0."""
-    zeros = [0.0] * lost_drives
-    return {name: _estimate(name, [*(drive[name] for drive in scored), *zeros]) for name in SCORES}
+def _scores(scored: Sequence[Sequence[dict[str, float]]], lost_drives: int) -> dict[str, Estimate]:
+    """Estimate of every score over the scored drives of each episode, and over lost drives, which count 0."""
+    zeros = [[0.0]] * lost_drives
+    return {name: _estimate(name, [*([drive[name] for drive in some] for some in scored), *zeros]) for name in SCORES}
 
 
-def _estimate(name: str, values: Sequence[float]) -> Estimate:
-    return share_estimate([value > 0 for value in values]) if name in SHARES else mean_estimate(values)
+def _estimate(name: str, episodes: Sequence[Sequence[float]]) -> Estimate:
+    return grouped_estimate(episodes, percent_estimate if name in SHARES else mean_estimate)
 
 
-def _per_km(drives: Sequence[EgoRecord]) -> dict[str, Estimate]:
-    km = [route_km(ego) for ego in drives]
-    counts = [infraction_counts(ego) for ego in drives]
-    return {kind.value: ratio_estimate([count[kind] for count in counts], km, floor=MIN_KM) for kind in InfractionKind}
+def _per_km(records: Sequence[EpisodeRecord]) -> dict[str, Estimate]:
+    """Infractions per km, resampled by episodes; `n` counts drives."""
+    km = [math.fsum(map(route_km, record.egos)) for record in records]
+    counts = [Counter(one.kind for ego in record.egos for one in ego.infractions) for record in records]
+    drives = sum(len(record.egos) for record in records)
+    return {
+        kind.value: dataclasses.replace(ratio_estimate([one[kind] for one in counts], km, floor=MIN_KM), n=drives)
+        for kind in InfractionKind
+    }
 
 
 def _by_drive(records: Iterable[EpisodeRecord]) -> dict[tuple[str, int, str], tuple[str, EgoRecord]]:

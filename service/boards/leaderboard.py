@@ -151,7 +151,8 @@ class Contender:
         score: Mean of the headline score.
         ordered: Time of the order.
         dohyo_versions: Versions of dohyo that drove it.
-        values: (drives,) headline scores, in the same order for every run of the ranking; NaN for a lost drive.
+        values: (episodes,) mean headline score of the egos of each, in the same order for every run of the ranking; NaN
+            for a lost one.
     """
 
     evaluation: str
@@ -165,12 +166,12 @@ class Contender:
 
     @property
     def lost(self) -> int:
-        """Number of lost drives."""
+        """Number of lost episodes."""
         return int(np.isnan(self.values).sum())
 
     @property
     def lost_too_many(self) -> bool:
-        """Whether the run lost more than `LOST_SHARE` of its drives."""
+        """Whether the run lost more than `LOST_SHARE` of its episodes."""
         return self.lost > LOST_SHARE * len(self.values)
 
     @property
@@ -187,7 +188,7 @@ class Contender:
         return Unranked.BASELINE if self.baseline else None
 
     def common(self, other: Contender) -> BoolArray:
-        """(drives,) which drives of two runs both count; none where the runs, or what drove them, are not the same."""
+        """(episodes,) which of two runs both count; none where the runs, or what drove them, are not the same."""
         same_judge = self.version is not None and self.version == other.version
         if not same_judge or self.values.shape != other.values.shape:
             return np.zeros(0, dtype=np.bool_)

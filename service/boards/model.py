@@ -112,8 +112,8 @@ class Result(Base):
         ordered: Time of the order.
         finished: Time of its end.
         facts: `scores` with intervals, `per_km`, numbers of `drives` and `episodes` that count and of `lost` drives,
-            and `values`: the headline score of each drive, in the same order for every run, None for a lost one; empty
-            where a drive that counts has none, or no drive counts: such a run has no place.
+            and `values`: the mean headline score of the egos of each episode, in the same order for every run, None for
+            a lost one; empty where a drive that counts has none, or no drive counts: such a run has no place.
     """
 
     __tablename__ = "results"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from statistics import fmean
 from typing import Any, Final
 
 from sqlalchemy import ColumnElement, func, select
@@ -13,7 +14,7 @@ from dohyo.service.boards.model import Ranking, Result
 from dohyo.service.boards.queries import entries
 from dohyo.service.database.engine import serialise
 from dohyo.service.evaluations.model import Evaluation, EvaluationStatus
-from dohyo.service.evaluations.scoring import rank_sign
+from dohyo.service.evaluations.scoring import by_episode, rank_sign
 
 AT_ONCE: Final = 50
 
@@ -63,14 +64,19 @@ def facts_of(entry: Entry, headline: str) -> dict[str, Any]:
 
 
 def _values(entry: Entry, headline: str) -> list[float | None]:
-    """Scores in the order of the drives' keys; None holds the place of a lost drive, so that runs pair drive by drive.
+    """Mean score of the egos of each episode, in the order of scenarios and seeds, so that runs pair by episodes.
+
+    None holds the place of a lost episode.
 
     Args:
         entry: A complete run: each of its lost drives has a record.
         headline: Score that ranks, which all drives that count have.
     """
-    values = {drive.key: rank_sign(headline) * drive.score(headline) for drive in entry.drives}
-    return [values.get(key) for key in sorted([*values, *(drive.key for drive in entry.gridlocked)])]
+    values = {
+        drives[0].key[:2]: rank_sign(headline) * fmean(drive.score(headline) for drive in drives)
+        for drives in by_episode(entry.drives)
+    }
+    return [values.get(key) for key in sorted({*values, *(drive.key[:2] for drive in entry.gridlocked)})]
 
 
 def _result(run: Evaluation, entry: Entry, headline: str) -> Result:

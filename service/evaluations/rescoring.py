@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.scores.driving import IrsLength, Rules, infraction_rate_score
-from dohyo.evaluation.statistics import mean_estimate
+from dohyo.evaluation.statistics import grouped_estimate, mean_estimate
 from dohyo.evaluation.summary import Summary, as_document, score_drive, summarise, summarise_cells
 
 LAMBDA: Final = 4.0
@@ -61,14 +61,14 @@ def rescore(
 
 
 def _with_lambda(summary: Summary, records: Sequence[EpisodeRecord], irs_lambda: float) -> Summary:
-    values = [
-        infraction_rate_score(ego, irs_lambda, summary.irs_length) for one in _counted(records) for ego in one.egos
+    episodes = [
+        [infraction_rate_score(ego, irs_lambda, summary.irs_length) for ego in one.egos] for one in _counted(records)
     ]
-    scores = {**summary.scores, "irs": mean_estimate(values)}
+    scores = {**summary.scores, "irs": grouped_estimate(episodes, mean_estimate)}
     as_zero = summary.scores_lost_as_zero
     if as_zero is not None:
-        zeros = [0.0] * (as_zero["irs"].n - len(values))
-        as_zero = {**as_zero, "irs": mean_estimate([*values, *zeros])}
+        zeros = [[0.0]] * (as_zero["irs"].n - scores["irs"].n)
+        as_zero = {**as_zero, "irs": grouped_estimate([*episodes, *zeros], mean_estimate)}
     return dataclasses.replace(summary, scores=scores, scores_lost_as_zero=as_zero)
 
 

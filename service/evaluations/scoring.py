@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
+from itertools import chain, groupby
 from pathlib import Path
+from statistics import fmean
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -25,7 +27,15 @@ from dohyo.evaluation.scores.driving import MIN_KM, Rules, route_km
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import TERMS, applies, score_records
 from dohyo.evaluation.scores.rates import infraction_counts
-from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, ratio_estimate, share_estimate
+from dohyo.evaluation.statistics import (
+    Comparison,
+    Estimate,
+    grouped_estimate,
+    mean_estimate,
+    paired,
+    percent_estimate,
+    ratio_estimate,
+)
 from dohyo.evaluation.summary import SHARES, score_drive
 from dohyo.service.episodes.archive import Record
 
@@ -251,18 +261,30 @@ def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
 
 
 def estimate(name: str, drives: Sequence[Drive], lost: int = 0) -> Estimate:
-    """Mean of a score over drives, and over lost ones as 0; the interval is Wilson's for shares, else bootstrap."""
+    """Mean of a score over drives, and over lost ones as 0; the interval is Wilson's for shares, else bootstrap.
+
+    Egos of one episode meet each other, so that intervals are over episodes.
+    """
     if lots := [drive.lot for drive in drives if drive.lot is not None]:
         return estimate_measure(name, lots)
     if name in _ROOTS:
         return root_estimate(mean_estimate([drive.score(name) ** 2 for drive in drives]))
-    return estimate_values(name, [*(drive.score(name) for drive in drives), *[0.0] * lost])
+    episodes = [[drive.score(name) for drive in some] for some in by_episode(drives)]
+    return estimate_values(name, [*episodes, *[[0.0]] * lost])
 
 
-def estimate_values(name: str, values: Sequence[float]) -> Estimate:
-    """Mean of a score of drives on roads or of mornings, from its values."""
-    share = name in SHARES or (name in CLOSED_LOOP_SCORES and set(values) <= {0.0, 100.0})
-    return share_estimate([value > 0.0 for value in values]) if share else mean_estimate(values)
+def estimate_values(name: str, episodes: Sequence[Sequence[float]]) -> Estimate:
+    """Mean of a score of drives on roads or of mornings, from its values in each episode."""
+    share = name in SHARES or (name in CLOSED_LOOP_SCORES and {*chain(*episodes)} <= {0.0, 100.0})
+    return grouped_estimate(episodes, percent_estimate if share else mean_estimate)
+
+
+def by_episode(drives: Iterable[Drive]) -> list[list[Drive]]:
+    """The drives of each episode."""
+    episodes: dict[str, list[Drive]] = {}
+    for drive in drives:
+        episodes.setdefault(drive.episode, []).append(drive)
+    return [*episodes.values()]
 
 
 def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
@@ -274,25 +296,30 @@ def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
     """
     names = scores_of(drives)
     statuses = Counter(drive.status for drive in drives)
-    km = [float(drive.facts["km"]) for drive in drives]
+    episodes = by_episode(drives)
+    km = [math.fsum(drive.facts["km"] for drive in some) for some in episodes]
     return {
         "drives": len(drives),
-        "episodes": len({drive.episode for drive in drives}),
+        "episodes": len(episodes),
         "lost": lost,
-        "km": math.fsum(km),
+        "km": math.fsum(drive.facts["km"] for drive in drives),
         "scores": {name: asdict(estimate(name, drives)) for name in names},
         "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names}
         if lost and names not in (MORNING_SCORES, PARKING_SCORES, FORECAST_SCORES)
         else None,
         "per_km": {
             kind.value: asdict(
-                ratio_estimate([drive.facts["infractions"].get(kind.value, 0) for drive in drives], km, floor=MIN_KM)
+                replace(ratio_estimate([_count(kind, some) for some in episodes], km, floor=MIN_KM), n=len(drives))
             )
             for kind in InfractionKind
             if names not in (PARKING_SCORES, FORECAST_SCORES)
         },
         "statuses": {status.value: statuses[status] for status in Status if statuses[status]},
     }
+
+
+def _count(kind: InfractionKind, drives: Iterable[Drive]) -> int:
+    return sum(drive.facts["infractions"].get(kind.value, 0) for drive in drives)
 
 
 def rates_per_km(drives: Sequence[Drive]) -> dict[str, float]:
@@ -305,10 +332,15 @@ def rates_per_km(drives: Sequence[Drive]) -> dict[str, float]:
 
 
 def compare_drives(name: str, ours: Iterable[Drive], theirs: Iterable[Drive]) -> Comparison | None:
-    """How a score differs on the drives both made, ours - theirs; None where there is no such drive."""
+    """How a score differs on the drives both made, ours - theirs; None where there is no such drive.
+
+    The egos of one episode are one pair, by their means.
+    """
     a, b = ({drive.key: drive.score(name) for drive in side} for side in (ours, theirs))
     keys = sorted(key for key in a.keys() & b.keys() if math.isfinite(a[key]) and math.isfinite(b[key]))
-    return paired([a[key] for key in keys], [b[key] for key in keys]) if keys else None
+    episodes = [[*some] for _, some in groupby(keys, lambda key: key[:2])]
+    means = [[fmean(side[key] for key in some) for some in episodes] for side in (a, b)]
+    return paired(*means) if keys else None
 
 
 def _ego(ego: EgoRecord, rules: Rules) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
-import numpy as np
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.statistics import Estimate
@@ -92,15 +91,19 @@ class CrossPlays:
 
     def _score(self, scores: Scores, metric: str) -> dict[str, Any]:
         """Mean of scores; it is known already where no drive of the pair is new."""
-        counted = {key: score for key, score in scores.items() if not math.isnan(score)}
-        values = np.sort(np.fromiter(counted.values(), np.float64))
-        key = metric, hashlib.blake2b(values.tobytes(), digest_size=16).digest()
-        estimate = self._estimates.get_or_make(key, lambda: estimate_values(metric, values.tolist()))
+        by_record: dict[str, list[float]] = {}
+        for (record, _), score in scores.items():
+            if not math.isnan(score):
+                by_record.setdefault(record, []).append(score)
+        episodes = sorted(sorted(some) for some in by_record.values())
+        key = metric, hashlib.blake2b(repr(episodes).encode(), digest_size=16).digest()
+        estimate = self._estimates.get_or_make(key, lambda: estimate_values(metric, episodes))
+        drives = sum(map(len, episodes))
         return {
             "score": asdict(estimate),
-            "drives": len(counted),
-            "episodes": len({record for record, _ in counted}),
-            "lost": len(scores) - len(counted),
+            "drives": drives,
+            "episodes": len(episodes),
+            "lost": len(scores) - drives,
         }
 
 

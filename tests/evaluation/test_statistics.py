@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from dohyo.evaluation import statistics
 from dohyo.evaluation.statistics import (
     Estimate,
+    grouped_estimate,
     mean_estimate,
     paired,
+    percent_estimate,
     ratio_estimate,
     share_estimate,
     significantly_below,
@@ -93,6 +95,33 @@ def test_pairing_sees_what_the_scenarios_spread_hides() -> None:
     assert comparison.probability == 1.0
     assert comparison.difference.mean == pytest.approx(2.0, abs=0.5)
     assert paired(difficulty.tolist(), a.tolist()).verdict == "<"
+
+
+def test_groups_of_one_are_independent_values() -> None:
+    values = np.random.default_rng(6).normal(size=20).tolist()
+    assert grouped_estimate([[value] for value in values], mean_estimate) == mean_estimate(values)
+
+
+def test_copies_within_a_group_say_nothing_new() -> None:
+    values = np.random.default_rng(7).normal(size=20).tolist()
+    alone, copied = mean_estimate(values), grouped_estimate([[value] * 8 for value in values], mean_estimate)
+    assert (copied.mean, copied.n) == (pytest.approx(alone.mean), 160)
+    assert (copied.low, copied.high) == (pytest.approx(alone.low, abs=0.02), pytest.approx(alone.high, abs=0.02))
+
+
+def test_where_all_succeed_a_group_counts_once() -> None:
+    groups = [[100.0] * 8] * 3
+    found, shares = grouped_estimate(groups, percent_estimate), share_estimate([True] * 3)
+    assert (found.mean, found.low, found.high, found.n) == (shares.mean, shares.low, shares.high, 24)
+
+
+def test_intervals_over_groups_hold_where_their_values_depend_on_each_other() -> None:
+    generator, held = np.random.default_rng(8), 0
+    for _ in range(200):
+        shared = generator.normal(size=(30, 1)) + 0.3 * generator.normal(size=(30, 8))
+        found = grouped_estimate(shared.tolist(), mean_estimate)
+        held += found.low < 0.0 < found.high
+    assert held >= 180, "of 200 intervals of 95 %; those over values alone hold 100"
 
 
 @pytest.mark.parametrize(("pairs", "probability"), [(1, None), (5, None), (6, 1.0)])

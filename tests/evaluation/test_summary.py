@@ -141,6 +141,28 @@ def test_comparison_is_paired_by_scenario_seed_and_ego() -> None:
     assert compare(worse, better)["driving_score"].verdict == "<"
 
 
+def test_egos_of_an_episode_are_one_pair() -> None:
+    """Eight egos meet the same traffic, and each other."""
+    good = [ego(name=f"e{i}", progress_m=1000.0 - i, status=Status.COMPLETED) for i in range(8)]
+    poor = [ego(name=f"e{i}", progress_m=500.0) for i in range(8)]
+    found = compare([episode(*good)], [episode(*poor)])["driving_score"]
+    assert (found.difference.n, found.verdict, found.probability) == (1, "=", None)
+    six = ([episode(*some, seed=seed) for seed in range(6)] for some in (good, poor))
+    assert compare(*six)["driving_score"].verdict == ">"
+
+
+def test_intervals_are_over_episodes() -> None:
+    egos = [ego(name=f"e{i}") for i in range(8)]
+    apart = [episode(ego(), seed=seed, name=f"m{i}") for seed in range(2) for i in range(8)]
+    together = [
+        episode(*egos, seed=0),
+        episode(*(one.model_copy(update={"infractions": (RED,)}) for one in egos), seed=1),
+    ]
+    assert summarise(apart).scores["driving_score"].n == 16
+    scores = summarise(together).scores["driving_score"]
+    assert (scores.n, scores.low, scores.high) == (16, pytest.approx(56.0), pytest.approx(80.0))
+
+
 def test_only_drives_of_both_sides_are_compared() -> None:
     a, b = some_episodes(6), [*some_episodes(4), lost(seed=4), episode(seed=77)]
     assert compare(a, b)["success"].difference.n == 4

@@ -3,6 +3,7 @@ from __future__ import annotations
 import multiprocessing
 import sqlite3
 import threading
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.model import Role, Token
 from dohyo.service.accounts.queries import create_token
+from dohyo.service.boards.model import Ranking, Result
 from dohyo.service.database.base import Base
 from dohyo.service.database.engine import MIGRATIONS, Database
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
@@ -96,6 +98,31 @@ def test_evaluations_of_before_were_driven_by_an_earlier_version_if_at_all(datab
         assert [tuple(row) for row in found] == [("driven", [EARLIER]), ("waiting", [])]
 
 
+def test_results_of_before_are_computed_again(database: Database) -> None:
+    """They held a value per ego, and egos of one episode are no independent drives."""
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.downgrade(config, "2026_12_dohyo_versions")
+    with database.session() as session:
+        session.add_all([Agent(id="a", name="a", owner="o"), BenchmarkVersion(sha256="b", name="b", document={})])
+        session.flush()
+        session.add(Submission(id="s", agent_id="a", version=1, kind="builtin", track="map", info={}))
+        rules = {"act_deadline_s": 10.0, "runs_per_period": 1, "period_s": 60.0}
+        session.add(Ranking(id="r", benchmark_sha256="b", seeds=[0], **rules))
+        session.flush()
+        _add_evaluation(session, "e", EpisodeStatus.DONE)
+        session.flush()
+        facts = {"values": [1.0, 2.0]}
+        now = datetime.now(UTC)
+        kept = {"entrant": "s", "track": "map", "score": 1.0, "ordered": now, "finished": now, "facts": facts}
+        session.add(Result(evaluation_id="e", ranking_id="r", **kept))
+    database.migrate()
+    with database.reading() as session:
+        assert session.scalars(select(Result)).all() == []
+
+
 def _migrate(url: str, start: object) -> None:
     start.wait(120)  # type: ignore[attr-defined]
     database = Database(url, busy_s=30.0)
@@ -114,7 +141,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:
-        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_12_dohyo_versions"]  # type: ignore[call-overload]
+        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_13_values_of_episodes"]  # type: ignore[call-overload]
     database.close()
 
 

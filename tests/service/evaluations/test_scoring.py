@@ -16,7 +16,15 @@ from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import score_records
 from dohyo.evaluation.summary import summarise
 from dohyo.service.boards.leaderboard import Entry
-from dohyo.service.evaluations.scoring import Drive, rates_per_km, scores_of, summarise_drives, summary_at, summary_of
+from dohyo.service.evaluations.scoring import (
+    Drive,
+    compare_drives,
+    rates_per_km,
+    scores_of,
+    summarise_drives,
+    summary_at,
+    summary_of,
+)
 from dohyo.sumo_networks.scenario import Scenario, Traffic
 from tests.evaluation.builders import ego, episode, infraction, lost
 from tests.service.served import STEADY, short
@@ -92,6 +100,14 @@ def test_drives_summarised_from_the_database_equal_the_records() -> None:
     assert found["statuses"] == expected.statuses
     assert found["km"] == expected.km
     assert (found["episodes"], found["drives"]) == (3, 4)
+
+
+def test_egos_of_an_episode_are_one_pair() -> None:
+    good = drives_of(episode(*(ego(name=f"e{i}", progress_m=1000.0) for i in range(8))), "a")
+    poor = drives_of(episode(*(ego(name=f"e{i}", progress_m=500.0) for i in range(8))), "b")
+    found = compare_drives("driving_score", good, poor)
+    assert found is not None
+    assert (found.difference.n, found.verdict) == (1, "=")
 
 
 def test_rates_pool_kilometres() -> None:
