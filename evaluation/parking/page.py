@@ -73,10 +73,11 @@ def write_parking_page(path: Path, evaluated: Sequence[Evaluated]) -> Path:
     return path
 
 
-def comparisons(evaluated: Sequence[Evaluated]) -> Iterator[tuple[str, str, Comparison]]:
-    """Names of each pair of agents, with the comparison of their success rates."""
+def comparisons(evaluated: Sequence[Evaluated]) -> Iterator[tuple[str, str, Comparison | None]]:
+    """Names of each pair of agents, with the comparison of their success rates; None without a common lot."""
     for first, second in combinations(evaluated, 2):
-        yield first.name, second.name, compare_parking(first.records, second.records)
+        common = {one.seed for one in first.records} & {one.seed for one in second.records}
+        yield first.name, second.name, compare_parking(first.records, second.records) if common else None
 
 
 def _page(evaluated: Sequence[Evaluated]) -> str:

@@ -67,6 +67,9 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
     path = write_parking_page(out, evaluated)
     _print({one.name: one.records for one in evaluated})
     for first, second, comparison in comparisons(evaluated):
+        if comparison is None:
+            console.print(f"{first} and {second} have no common lot")
+            continue
         console.print(
             f"{first} {comparison.verdict} {second}: success differs by {interval(comparison.difference)} points on "
             f"{comparison.difference.n} common lot{'s' * (comparison.difference.n != 1)}"

@@ -48,6 +48,20 @@ def test_an_agent_is_evaluated_verified_and_reported(
     assert "expected the motion of parking" in capsys.readouterr().err.replace("\n", " ")
 
 
+def test_evaluations_without_a_common_lot_are_reported_side_by_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order, page = ("evaluate", *AGENT, "--benchmark", "parking-simple"), tmp_path / "page.html"
+    for name, seeds in (("a", "0-1"), ("b", "2-3"), ("c", "0-3")):
+        assert dohyo(monkeypatch, *order, "--seeds", seeds, "--out", tmp_path / name) == 0
+    capsys.readouterr()
+    assert dohyo(monkeypatch, "report", *(tmp_path / name for name in "abc"), "--out", page) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "greedy and greedy (b) have no common lot" in said
+    assert re.search(r"greedy (<|=|>) greedy \(c\): success differs by .* on 2 common lots", said)
+    assert '<p class="note">greedy and greedy (b) have no common lot.</p>' in page.read_text()
+
+
 def test_the_registered_agents_park_and_are_verified_without_trust(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
