@@ -3,24 +3,19 @@
 A worker writes each record itself, so that finished records survive the death of any other process. The parent assigns
 jobs and supervises: it replaces a dead worker and tries its job once more, and it ends a worker whose agent never
 returns. In a mixed run the other agents then drive again without that one, as they do without an agent in whose calls
-the worker died twice. A worker whose parent has died ends itself.
+the worker died twice.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-import time
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection, wait
-from multiprocessing.sharedctypes import Synchronized
+from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -31,9 +26,9 @@ from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.evaluation.running.job import DIED_TWICE, KILL_GRACE_S, MAX_ATTEMPTS, NEVER_RETURNED, POLL_S, Job
+from dohyo.evaluation.running.worker import Parent, WorkerProcess
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.processes import worker_context, worker_process
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission
 
@@ -88,9 +83,9 @@ def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRe
     for worker in crew:
         worker.take(pending)
     while any(worker.job for worker in crew):
-        ready = wait([worker.pipe for worker in crew if worker.job], timeout=POLL_S)
+        ready = wait([worker.process.pipe for worker in crew if worker.job], timeout=POLL_S)
         for worker in crew:
-            if worker.job and (worker.pipe in ready or not worker.process.is_alive() or worker.hangs()):
+            if worker.job and (worker.process.pipe in ready or worker.process.is_dead() or worker.hangs()):
                 record = worker.collect(pending)
                 if record is not None:
                     yield record
@@ -99,41 +94,27 @@ def drive_all(jobs: Sequence[Job], crew: Sequence[Worker]) -> Iterator[EpisodeRe
 
 @dataclass(slots=True)
 class Worker:
-    """The parent's handle of one worker process."""
+    """A worker process with its present job.
 
+    Attributes:
+        process: The process.
+        job: Its job; None while it is idle.
+        attempt: How often the job has been tried, this time included.
+    """
+
+    process: WorkerProcess = field(default_factory=lambda: WorkerProcess(_work))
     job: Job | None = None
     attempt: int = 0
-    pipe: Connection = field(init=False)
-    process: Any = field(init=False)
-    must_end_by: Synchronized[float] = field(init=False)
-    called: Synchronized[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._start()
-
-    def _start(self) -> None:
-        context = worker_context()
-        self.pipe, theirs = context.Pipe()
-        self.must_end_by, self.called = context.Value("d", 0.0), context.Value("i", 0)
-        self.process = worker_process(_work, theirs, self.must_end_by, self.called)
-        self.process.start()
-        theirs.close()
 
     def take(self, pending: deque[tuple[Job, int]]) -> None:
         """Begins the next job, if there is one."""
         if self.job is None and pending:
             self.job, self.attempt = pending.popleft()
-            try:
-                self.pipe.send(self.job)
-            except OSError:  # the worker died between jobs
-                self.stop()
-                self._start()
-                self.pipe.send(self.job)
+            self.process.send(self.job)
 
     def hangs(self) -> bool:
         """Whether a call of the agent is past its deadline, so that the process must be ended."""
-        must_end_by = self.must_end_by.value
-        return self.job is not None and must_end_by > 0 and time.monotonic() > must_end_by + KILL_GRACE_S
+        return self.job is not None and self.process.is_overdue(KILL_GRACE_S)
 
     def collect(self, pending: deque[tuple[Job, int]]) -> EpisodeRecord | None:
         """The finished record, or one for a job that cannot be finished; None if the job will be tried again.
@@ -142,18 +123,16 @@ class Worker:
             InvalidInputError: The scenario cannot be driven.
             RecordWriteError: The record cannot be written.
         """
-        job, hangs, ego, in_call = self.job, self.hangs(), self.called.value, self.must_end_by.value > 0
+        job, hangs, ego, in_call = self.job, self.hangs(), self.process.called, self.process.in_call
         assert job is not None
-        answer = self._answer()
+        answer: EpisodeRecord | InvalidInputError | RecordWriteError | str | None = self.process.answer()
         self.job = None
         if isinstance(answer, InvalidInputError | RecordWriteError):
             raise answer
         if isinstance(answer, EpisodeRecord):
             return answer
-        self.process.join(timeout=0.0 if hangs else 1.0)
-        failure = answer or f"worker process ended with code {self.process.exitcode}"
-        self.stop()
-        self._start()
+        failure = answer or ("" if hangs else f"worker process ended with code {self.process.exit_code}")
+        self.process.replace()
         if hangs:
             if (others := job.without(ego, NEVER_RETURNED)) is None:
                 return _lost(job, Status.AGENT_DEADLINE, NEVER_RETURNED)
@@ -168,20 +147,9 @@ class Worker:
             return None
         return _lost(job, Status.SIMULATION, failure)
 
-    def _answer(self) -> EpisodeRecord | InvalidInputError | RecordWriteError | str | None:
-        """The worker's message: a record, or the reason for its absence; None if the worker died without a message."""
-        try:
-            return self.pipe.recv() if self.pipe.poll() else None
-        except (EOFError, OSError):
-            return None
-
     def stop(self) -> None:
-        """Ends the process; an idle one by closing its pipe."""
-        self.pipe.close()
-        self.process.join(timeout=1.0 if self.job is None else 0.0)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
+        """Ends the process."""
+        self.process.stop(patience_s=1.0 if self.job is None else 0.0)
 
 
 def lost_episode(job: Job, status: Status, failure: str) -> EpisodeRecord:
@@ -232,40 +200,21 @@ def _writing(directory: Path) -> Iterator[None]:
         raise RecordWriteError(error.errno, error.strerror or str(error), str(directory)) from error
 
 
-def _work(pipe: Connection, must_end_by: Synchronized[float], called: Synchronized[int]) -> None:
-    """A worker process: drives one job after the other until its parent closes the pipe or dies."""
-    jobs: deque[Job] = deque()
-    arrived = threading.Semaphore(0)
-
-    def listen() -> None:
-        while True:
-            try:
-                jobs.append(pipe.recv())
-            except (EOFError, OSError):
-                os._exit(0)
-            arrived.release()
-
-    def watch(seconds: float, ego: int) -> None:
-        called.value = ego
-        must_end_by.value = time.monotonic() + seconds if seconds else 0.0
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
-    threading.Thread(target=listen, daemon=True).start()
-    while True:
-        arrived.acquire()
-        job = jobs.popleft()
+def _work(parent: Parent) -> None:
+    """A worker process: drives one job after the other."""
+    for job in parent.jobs():
         try:
-            record, trajectory = _drive(job, watch)
+            record, trajectory = _drive(job, parent.watch)
             with _writing(job.directory):
                 write_record(job.directory, job.stem, record, trajectory)
-            pipe.send(record)
+            parent.send(record)
         except InvalidInputError as error:  # a second attempt would fail too, and so would the other jobs
-            pipe.send(InvalidInputError(str(error)))
+            parent.send(InvalidInputError(str(error)))
         except RecordWriteError as error:  # no other record can be written either
-            pipe.send(error)
+            parent.send(error)
         except Exception as error:  # an error of dohyo itself: the evaluation goes on, and the record states it
             traceback.print_exc()
-            pipe.send(f"{type(error).__name__}: {error}")
+            parent.send(f"{type(error).__name__}: {error}")
 
 
 class Hung(Agent):
