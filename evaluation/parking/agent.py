@@ -11,7 +11,7 @@ from dohyo.evaluation.entry import make_entry
 from dohyo.evaluation.families import PARKING_CONTROL, Family, check_family
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import AgentError, InvalidInputError
 from dohyo.sumo_networks.parking.observation import State
 from dohyo.sumo_networks.parking.rows import LotView
 
@@ -68,6 +68,34 @@ class ParkingAgent(Protocol):
 
     def close(self) -> None:
         """Frees the resources of the agent."""
+
+
+class FailedAgent:
+    """Stands for an agent that has failed already, such as one whose process was ended: it fails at once.
+
+    Attributes:
+        spec: A specification; it observes nothing.
+    """
+
+    spec = ParkingSpec(name="failed")
+
+    def __init__(self, why: str) -> None:
+        """Stores the reason, for the record."""
+        self._why = why
+
+    def reset(self, seed: int) -> None:
+        """Raises AgentError."""
+        raise AgentError(self._why)
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """Raises AgentError."""
+        raise AgentError(self._why)
+
+    def look(self, lot: LotView, number: int) -> None:
+        """Sees nothing."""
+
+    def close(self) -> None:
+        """Does nothing: it holds no resources."""
 
 
 def make_parking_agent(entry: str, settings: Mapping[str, Any] | None = None) -> ParkingAgent:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -13,6 +13,7 @@ import numpy as np
 from dohyo.evaluation.blame import RAISED, is_blameless
 from dohyo.evaluation.parking.agent import ParkingAgent
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, scene_of
+from dohyo.evaluation.parking.deadlines import Limit, unlimited
 from dohyo.evaluation.parking.record import Ending, KartRecord, ParkingRecord
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray, IntArray
@@ -53,25 +54,12 @@ def drive_lots(
     seeds: Sequence[int],
     agents: Sequence[ParkingAgent],
     info: AgentInfo,
-    tell: Callable[[int, int], None] = lambda done, total: None,
-) -> list[Drive]:
-    """Drives lots one after the other.
-
-    Args:
-        benchmark: Benchmark of the lots.
-        seeds: Seeds of the lots.
-        agents: One per kart.
-        info: Description of the agent, for the records.
-        tell: Called with the number of lots driven and of all lots.
-
-    Returns:
-        One drive per seed, in their order.
-    """
-    world, drives = ParkingWorld(1, benchmark.karts), []
-    for done, seed in enumerate(seeds, 1):
-        drives.append(drive_lot(world, benchmark, seed, agents, info))
-        tell(done, len(seeds))
-    return drives
+    limit: Limit = unlimited,
+) -> Iterator[Drive]:
+    """Drives lots one after the other; see `drive_lot`."""
+    world = ParkingWorld(1, benchmark.karts)
+    for seed in seeds:
+        yield drive_lot(world, benchmark, seed, agents, info, limit=limit)
 
 
 def drive_lot(
@@ -81,6 +69,7 @@ def drive_lot(
     agents: Sequence[ParkingAgent],
     info: AgentInfo,
     show: Callable[[int, Mapping[int, Float32Array]], None] = lambda tick, observations: None,
+    limit: Limit = unlimited,
 ) -> Drive:
     """Drives one lot until every kart's episode has ended; a kart whose agent fails brakes and ends as failed.
 
@@ -91,9 +80,10 @@ def drive_lot(
         agents: One per kart.
         info: Description of the agent, for the record.
         show: Called before the decisions of each tick, with its number and the observations of the karts that decide.
+        limit: Limits the time of each call of an agent.
     """
     world.draw([0], [seed], scene_of(benchmark.scene), JUDGED)
-    drivers = [_Driver(agent, number, seed) for number, agent in enumerate(agents)]
+    drivers = [_Driver(agent, number, seed, limit) for number, agent in enumerate(agents)]
     motion = [_places(world)]
     while (running := world.running[0]).any():
         actions = np.tile(_FULL_BRAKE, (1, world.karts, 1))
@@ -130,11 +120,13 @@ def _places(world: ParkingWorld) -> Float32Array:
 class _Driver:
     """An agent in its kart; it answers with full brake once it has failed."""
 
-    def __init__(self, agent: ParkingAgent, number: int, seed: int) -> None:
+    def __init__(self, agent: ParkingAgent, number: int, seed: int, limit: Limit) -> None:
         self.agent, self.number, self.failure = agent, number, ""
         self._columns: IntArray = columns(agent.spec.state)
+        self._limit = limit
         try:
-            agent.reset(seed)
+            with limit("reset", number, agent):
+                agent.reset(seed)
         except RAISED as error:
             self.failure = self._failure("reset", error)
 
@@ -145,9 +137,10 @@ class _Driver:
     def action(self, world: ParkingWorld) -> FloatArray:
         """(3,) the agent's action for the present observation."""
         try:
-            if self.agent.spec.track == "privileged":
-                self.agent.look(world.view(0), self.number)
-            given = self.agent.act(self.observation(world))
+            with self._limit("act", self.number, self.agent):
+                if self.agent.spec.track == "privileged":
+                    self.agent.look(world.view(0), self.number)
+                given = self.agent.act(self.observation(world))
             action = np.asarray(given, np.float64)
         except RAISED as error:
             self.failure = self._failure("act", error)

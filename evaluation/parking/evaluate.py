@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.families import OtherFamilyError
 from dohyo.evaluation.parking.agent import make_parking_agent
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark
@@ -16,7 +17,7 @@ from dohyo.evaluation.parking.motion import write_motion
 from dohyo.evaluation.parking.page import Evaluated, shown_records, write_parking_page
 from dohyo.evaluation.parking.record import ParkingRecord, write_records
 from dohyo.evaluation.parking.resumption import forget_chunks, keep, kept
-from dohyo.evaluation.parking.running import Order, Tell, close_agents, drive_all
+from dohyo.evaluation.parking.running import Order, Tell, close_agents, drive_all, drive_here
 from dohyo.evaluation.records.record import AgentInfo, Kind
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -33,6 +34,7 @@ def evaluate_parking(
     out: Path,
     workers: int = 1,
     tell: Tell = lambda done, total: None,
+    act_deadline_s: float = ACT_DEADLINE_S,
 ) -> list[ParkingRecord]:
     """Drives an agent in the lots of a benchmark; a second call drives only the missing lots.
 
@@ -45,11 +47,12 @@ def evaluate_parking(
         out: Folder of the result.
         workers: Number of processes.
         tell: Called with the number of lots driven and of all lots.
+        act_deadline_s: Wall-clock time allowed for one decision, s.
 
     Raises:
-        InvalidInputError: A lot comes twice, the agent cannot be made, or the folder holds another evaluation or cannot
-            be written.
-        SimulationError: A process died.
+        InvalidInputError: A lot comes twice, the agent cannot be made, or the folder is in use, holds another
+            evaluation or cannot be written.
+        SimulationError: A process died twice in a lot while no agent was called.
     """
     chosen = list(benchmark.seeds if seeds is None else seeds)
     if len(set(chosen)) < len(chosen):
@@ -62,12 +65,12 @@ def evaluate_parking(
         raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     if (out / "evaluation.json").exists() or (out / "result.json").exists():
         raise InvalidInputError(f"'{out}' holds an evaluation on another kind of benchmark: choose another --out")
-    with held(out):
+    with held(out, read_only=True):
         driven = kept(out, benchmark, info, chosen)
         if missing := [seed for seed in chosen if seed not in driven]:
             done, total = len(driven), len(chosen)
             drives = drive_all(
-                *(Order(benchmark, info, settings), missing, workers),
+                *(Order(benchmark, info, settings, act_deadline_s), missing, workers),
                 tell=lambda more, _: tell(done + more, total),
                 keep=lambda chunk: keep(out, chunk),
             )
@@ -79,7 +82,7 @@ def evaluate_parking(
 
 def drive_again(
     records: Sequence[ParkingRecord],
-    workers: int = 1,
+    workers: int | None = None,
     tell: Tell = lambda done, total: None,
     more: Mapping[str, Any] | None = None,
 ) -> list[str]:
@@ -87,13 +90,13 @@ def drive_again(
 
     Args:
         records: Of one agent on one benchmark; their agent is built as they say, so that they must be trusted.
-        workers: Number of processes.
+        workers: Number of processes; None: this one alone, where none can be started.
         tell: Called with the number of lots driven and of all lots.
         more: Keyword arguments of the agent's constructor besides those in the records, such as the path of a policy.
 
     Raises:
         InvalidInputError: The agent cannot be made, or is another one here, or the version of dohyo is another one.
-        SimulationError: A process died.
+        SimulationError: A process died twice in a lot while no agent was called.
     """
     first = records[0]
     if (here := version("dohyo")) != first.version:
@@ -102,8 +105,8 @@ def drive_again(
     info = _info(first.agent.entry, settings, first.agent.kind).model_copy(update={"settings": first.agent.settings})
     if info != first.agent:
         raise InvalidInputError(f"agent '{info.name}' has changed since the records were made, or is another one")
-    order = Order(first.benchmark, info, settings)
-    drives = drive_all(order, [one.seed for one in records], workers, tell)
+    order, seeds = Order(first.benchmark, info, settings), [one.seed for one in records]
+    drives = drive_here(order, seeds) if workers is None else drive_all(order, seeds, workers, tell)
     return [drive.record.record_hash for drive in drives]
 
 

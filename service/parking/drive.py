@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
 
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info
-from dohyo.evaluation.episode.deadline import deadline
-from dohyo.evaluation.episode.guarded_agent import WARM_UP_DEADLINE_S
-from dohyo.evaluation.parking.agent import ParkingAgent, ParkingSpec
+from dohyo.evaluation.parking.agent import FailedAgent, ParkingAgent, ParkingSpec
 from dohyo.evaluation.parking.benchmark import LotScenario
+from dohyo.evaluation.parking.deadlines import Deadlines, Limit, unlimited
 from dohyo.evaluation.parking.drive import drive_lot
 from dohyo.evaluation.parking.lot_files import write_lot
 from dohyo.evaluation.parking.running import close_agents, make_agents
@@ -22,12 +20,9 @@ from dohyo.service.running.gauge import Gauge, watched
 from dohyo.service.running.order import EpisodeOrder, check_unchanged
 from dohyo.service.running.remote import Bridge
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.errors import AgentError
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.rows import LotView
 from dohyo.sumo_networks.parking.world import ParkingWorld
-
-T = TypeVar("T")
 
 
 def park(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Gauge) -> bytes:
@@ -46,7 +41,7 @@ def park(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Ga
         InvalidInputError: The agent cannot be made, or differs from the submitted one.
     """
     if order.verdict is not None:
-        _drive(order, scenario, [_Failed(ParkingSpec(name="failed"), order.verdict[1])] * scenario.benchmark.karts)
+        _drive(order, scenario, [FailedAgent(order.verdict[1])] * scenario.benchmark.karts)
         return b""
     if order.remote:
         return _park_remotely(order, scenario, channel, gauge)
@@ -55,7 +50,7 @@ def park(order: EpisodeOrder, scenario: LotScenario, channel: Channel, gauge: Ga
     try:
         there = agent_info(agents[0], order.info.entry, order.info.settings)  # type: ignore[arg-type]  # it reads the spec alone
         check_unchanged(order.info, there)
-        _drive(order, scenario, [_Watched(agent.spec, agent, order.act_deadline_s, gauge.watch) for agent in agents])
+        _drive(order, scenario, agents, limit=Deadlines(order.act_deadline_s, gauge.watch).limit)
     finally:
         close_agents(agents)
     return b""
@@ -81,9 +76,10 @@ def _drive(
     scenario: LotScenario,
     agents: Sequence[ParkingAgent],
     show: Callable[[int, Mapping[int, Float32Array]], None] = lambda tick, observations: None,
+    limit: Limit = unlimited,
 ) -> None:
     benchmark = scenario.benchmark
-    drive = drive_lot(_world(benchmark.karts), benchmark, scenario.seed, agents, order.info, show)
+    drive = drive_lot(_world(benchmark.karts), benchmark, scenario.seed, agents, order.info, show, limit)
     write_lot(order.directory, order.stem, drive)
 
 
@@ -93,10 +89,14 @@ def _world(karts: int) -> ParkingWorld:
 
 
 @dataclass(slots=True)
-class _Parker:
-    """Base of the agents here."""
+class _Remote:
+    """A kart that a worker drives."""
 
     spec: ParkingSpec
+    bridge: Bridge
+    ego: str
+    watch: Callable[[float], None]
+    act_deadline_s: float
 
     def reset(self, seed: int) -> None:
         """See `ParkingAgent`."""
@@ -107,62 +107,7 @@ class _Parker:
     def close(self) -> None:
         """See `ParkingAgent`."""
 
-
-@dataclass(slots=True)
-class _Failed(_Parker):
-    """An agent that has failed already, such as one whose process was ended in an earlier attempt."""
-
-    why: str
-
-    def reset(self, seed: int) -> None:
-        """See `ParkingAgent`."""
-        raise AgentError(self.why)
-
-    def act(self, observation: Float32Array) -> Float32Array:
-        """See `ParkingAgent`."""
-        raise AgentError(self.why)
-
-
-@dataclass(slots=True)
-class _Remote(_Parker):
-    """A kart that a worker drives."""
-
-    bridge: Bridge
-    ego: str
-    watch: Callable[[float], None]
-    act_deadline_s: float
-
     def act(self, observation: Float32Array) -> Float32Array:
         """The worker's action for the observation that it has already received."""
         with watched(self.watch, self.act_deadline_s):
             return self.bridge.decision(self.ego)
-
-
-@dataclass(slots=True)
-class _Watched(_Parker):
-    """An agent under deadlines; the server ends this process where a call never returns."""
-
-    agent: ParkingAgent
-    act_deadline_s: float
-    watch: Callable[[float], None]
-    decided: bool = False
-
-    def reset(self, seed: int) -> None:
-        """See `ParkingAgent`."""
-        self.decided = False
-        self._call(lambda: self.agent.reset(seed), WARM_UP_DEADLINE_S)
-
-    def look(self, lot: LotView, number: int) -> None:
-        """See `ParkingAgent`."""
-        self.agent.look(lot, number)
-
-    def act(self, observation: Float32Array) -> Float32Array:
-        """See `ParkingAgent`; the first decision may compile."""
-        seconds = self.act_deadline_s if self.decided else WARM_UP_DEADLINE_S
-        action = self._call(lambda: self.agent.act(observation), seconds)
-        self.decided = True
-        return action
-
-    def _call(self, call: Callable[[], T], seconds: float) -> T:
-        with watched(self.watch, seconds), deadline(seconds, f"agent '{self.spec.name}'"):
-            return call()

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,6 +61,49 @@ class Sleeper(Greedy):
             time.sleep(60.0)
         self.decided = True
         return super().act(observation)
+
+
+class Fatal(Greedy):
+    """Takes its process with it in one lot, at the second decision."""
+
+    def __init__(self, fault: str = "", lot: int = -1, marker: str = "") -> None:
+        super().__init__()
+        self.fault, self.lot, self.marker = fault, lot, marker
+
+    def reset(self, seed: int) -> None:
+        """See the class."""
+        self.fatal, self.decided = seed == self.lot, False
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """See the class."""
+        if self.fatal and self.decided:
+            self.end()
+        self.decided = True
+        return super().act(observation)
+
+    def end(self) -> None:
+        """Sleeps, so that nothing can wake it or so that a signal can, or ends its process, each time or once."""
+        if self.fault == "deaf":
+            signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
+        if self.fault in ("late", "deaf"):
+            time.sleep(60.0)
+        if self.fault == "exit" or not Path(self.marker).exists():
+            if self.marker:
+                Path(self.marker).touch()
+            os._exit(3)
+
+
+class ExitsInClose(Greedy):
+    """Ends its process where it is closed in a process that drives."""
+
+    def reset(self, seed: int) -> None:
+        """See the class."""
+        self.drove = True
+
+    def close(self) -> None:
+        """See the class."""
+        if hasattr(self, "drove"):
+            os._exit(3)
 
 
 class Seer(Greedy):

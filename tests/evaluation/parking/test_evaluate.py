@@ -100,7 +100,7 @@ def test_processes_drive_as_one_does(three, monkeypatch):
     told: list[tuple[int, int]] = []
     hashes = drive_again(records, workers=2, tell=lambda *counts: told.append(counts))
     assert hashes == [record.record_hash for record in records]
-    assert told == [(3, 6), (6, 6)]
+    assert told == [(lots, 6) for lots in range(1, 7)]
 
 
 def test_motion_is_that_of_the_records(three, tmp_path):
@@ -228,6 +228,48 @@ def test_a_failed_agent_has_not_parked_and_the_record_says_why(tmp_path, answer,
         assert record.karts[0].ending == "failed"
         assert re.search(said, record.karts[0].failure)
     assert summarise_parking(records).estimates["success"].mean == 0.0
+
+
+LOTS = SEEDS[:3]
+
+
+def fatal(out: Path, **settings: Any) -> list[ParkingRecord]:
+    three = load_parking_benchmark("parking-three")
+    return evaluate_parking(three, f"{HERE}:Fatal", settings, "local", LOTS, out, act_deadline_s=0.3)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("late", "agent 'greedy' took longer than 0.3 s"),
+        ("deaf", "agent never returned; its process was ended"),
+        ("exit", "the process died twice while the agent was called"),
+    ],
+)
+def test_a_lot_in_which_the_agent_hangs_or_ends_its_process_has_failed_and_the_others_are_driven(
+    fault: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "KILL_GRACE_S", 0.2)
+    records = fatal(tmp_path / fault, fault=fault, lot=LOTS[1])
+    assert [(one.ending, one.failure) for one in records[1].karts] == [("failed", said)] * 3
+    healthy = fatal(tmp_path / "healthy")
+    assert [records[at].karts for at in (0, 2)] == [healthy[at].karts for at in (0, 2)]
+    assert fatal(tmp_path / fault, fault=fault, lot=LOTS[1]) == records
+    if fault == "exit":
+        assert drive_again(records, workers=1) == [record.record_hash for record in records]
+
+
+def test_a_process_that_dies_once_leaves_no_trace_in_the_records(tmp_path):
+    settings = {"fault": "exit once", "lot": LOTS[1], "marker": str(tmp_path / "died")}
+    died = fatal(tmp_path / "died-once", **settings)
+    assert (tmp_path / "died").exists()
+    assert died == fatal(tmp_path / "undisturbed", **settings)
+    assert all(one.failure is None for record in died for one in record.karts)
+
+
+def test_an_agent_that_ends_its_process_where_it_is_closed_ends_no_evaluation(tmp_path):
+    records = evaluated(tmp_path / "out", "parking-simple", "ExitsInClose")
+    assert [record.karts[0].ending == "failed" for record in records] == [False] * 5 + [True]
 
 
 def test_a_privileged_agent_is_shown_the_lot(tmp_path):

@@ -48,6 +48,17 @@ def test_an_agent_is_evaluated_verified_and_reported(
     assert "expected the motion of parking" in capsys.readouterr().err.replace("\n", " ")
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_agent_that_ends_its_process_fails_its_lot_and_the_command_says_so(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    agent = ("--agent", "tests.evaluation.parking.parkers:Fatal", "--set", "fault=exit", "--set", "lot=1")
+    order = ("evaluate", *agent, "--benchmark", "parking-simple", "--seeds", "0-2", "--workers", workers)
+    assert dohyo(monkeypatch, *order, "--out", tmp_path) == 1
+    said = "greedy failed as a program in 1 of 3 karts; lot 1: the process died twice while the agent was called"
+    assert said in capsys.readouterr().err
+
+
 def test_evaluations_without_a_common_lot_are_reported_side_by_side(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
