@@ -92,16 +92,19 @@ def evaluate(
         given = {
             "only": only is not None,
             "sample": sample is not None,
-            "deadline": deadline != ACT_DEADLINE_S,
+            "deadline": deadline != ACT_DEADLINE_S and family is not Family.PARKING,
             "reverse": reverse,
             "executor": executor is Engine.RAY,
             "address": address is not None,
             "agent MISSION=AGENT": list(agents) != [REST],
         }
         _refuse_driving_options(benchmark, given)
-        evaluate_on = evaluate_on_parking if family is Family.PARKING else evaluate_on_freeway
         processes = workers or os.cpu_count() or 1
-        evaluate_on(called, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
+        order = (called, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
+        if family is Family.PARKING:
+            evaluate_on_parking(*order, deadline)
+        else:
+            evaluate_on_freeway(*order)
         return
     drivers = _drivers(agents, parse_settings(settings or []))
     with ProgressBar(f"{called} on {benchmark}", hidden=json) as bar:

@@ -35,12 +35,15 @@ def evaluate_on_parking(
     folder: Path,
     workers: int,
     as_json: bool,
+    deadline_s: float,
 ) -> None:
     """Evaluates an agent that parks; prints the result, and writes records, motion and an HTML report."""
     found = load_parking_benchmark(benchmark)
     entry = PARKER if agent == ONNX else resolve(agent)
     with ProgressBar(f"{agent} on {found.name}", hidden=as_json) as tell:
-        records = evaluate_parking(found, entry, settings, kind_of(entry, dict(settings)), seeds, folder, workers, tell)
+        kind = kind_of(entry, dict(settings))
+        order = (found, entry, settings, kind, seeds, folder, workers, tell)
+        records = evaluate_parking(*order, act_deadline_s=deadline_s)
     if as_json:
         print_json(_document(found.name, records))
     else:

@@ -48,6 +48,14 @@ def test_an_agent_is_evaluated_verified_and_reported(
     assert "expected the motion of parking" in capsys.readouterr().err.replace("\n", " ")
 
 
+def test_the_deadline_is_that_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order = ("evaluate", "--agent", "tests.evaluation.parking.parkers:Sleeper", "--benchmark", "parking-simple")
+    assert dohyo(monkeypatch, *order, "--seeds", "0", "--deadline", "0.2", "--out", tmp_path) == 1
+    assert "took longer than 0.2 s" in capsys.readouterr().err.replace("\n", " ")
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_agent_that_ends_its_process_fails_its_lot_and_the_command_says_so(
     workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
