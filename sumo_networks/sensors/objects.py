@@ -12,6 +12,7 @@ from dohyo.sumo_networks.arrays import BoolArray, Float32Array, IntArray
 from dohyo.sumo_networks.geometry import wrap
 from dohyo.sumo_networks.objects import BoxColumns
 from dohyo.sumo_networks.sensors.base import Sensor, Track
+from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import ActorKind, World
 
 ROWS = 48
@@ -20,7 +21,7 @@ _EGO = int(ActorKind.EGO)
 
 
 class Objects(Sensor):
-    """(48, 8) the nearest actors and other egos within sight, nearest first.
+    """(48, 8) the nearest actors and other egos within sight, 100 m, nearest first.
 
     Columns: kind (`world.ActorKind`), x, y [m, ego frame: centre, x forward, y left], heading relative to the ego
     [rad], speed along that heading [m/s], length, width [m], key (stable while the actor exists). Unused rows have
@@ -54,10 +55,12 @@ def _nearest(
         if other != ego and active[other]:
             distance[count + other] = math.hypot(here[other, 0] - x, here[other, 1] - y)
     eye = (x, y, heading, math.cos(heading), math.sin(heading))
+    # A world of one ego has only what it sees; one of several has what any of them sees.
+    sight_m = SIGHT_M if active.shape[0] > 1 else np.inf
     order = np.argsort(distance, kind="mergesort")[:ROWS]
     for row in range(order.shape[0]):
         i, other = order[row], order[row] - count
-        if distance[i] == np.inf:
+        if distance[i] == np.inf or distance[i] > sight_m:
             break
         if other < 0:
             out[row, 0], out[row, 7] = kind[i], key[i]

@@ -82,6 +82,12 @@ def test_other_egos_are_objects_while_they_drive() -> None:
     assert read("objects", retired)[:, 0].tolist() == [ActorKind.CAR] + [-1.0] * (ROWS - 1)
 
 
+def test_what_another_ego_sees_far_away_is_no_object() -> None:
+    world = straight_road().with_ego(x=100.0).with_ego(x=250.0).with_actor(190.0).with_actor(210.0).world()
+    assert read("objects", world)[:2, 0].tolist() == [ActorKind.CAR, -1.0]
+    assert sorted(read("objects", world, ego=1)[:, 1].tolist())[:2] == pytest.approx([-60.0, -40.0])
+
+
 def test_on_an_empty_road_there_are_no_objects() -> None:
     assert (read("objects", straight_road().with_ego(x=100.0).world())[:, 0] == -1.0).all()
 
