@@ -49,7 +49,7 @@ Over all driving disciplines; `python -m dohyo.agents.league.figures --out docs/
 ![Success of each learned driver where it learned, and where it never was](pictures/league-gap.png)
 
 On missions of their own, beside the autopilot, which learned in neither town:
-[the numbers](researchers/systems/generalisation.md)."""
+[the numbers](researchers/systems/generalisation.md). These drives are of dohyo 0.1.0."""
 """Pictures on the page of the published edition."""
 FEWEST: Final = 0.02
 """Rate below which a kind of infraction is left out, per km."""

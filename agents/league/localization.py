@@ -18,7 +18,8 @@ SIGMA_M: Final = 0.3
 TOLD: Final = (
     "Share of a journey within 0.5 m of the truth, by the rate of fixes, whose error has a sigma of 0.3 m. "
     "Sensors are calibrated; n is the number of journeys. Filters meet no traffic, and so have no seeds of the league. "
-    "The UKF drove fewer journeys, so that it compares with the others on its own ones alone (all cells)."
+    "The UKF drove fewer journeys, so that it compares with the others on its own ones alone (all cells). "
+    "These journeys were made with dohyo 0.1.0."
 )
 
 

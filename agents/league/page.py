@@ -41,14 +41,14 @@ def page(edition: Edition, rows: Sequence[Row], more: str = "", versions: Sequen
 
 _HEAD: Final = """# League
 
-{told} Edition {edition}, {driven}written from stored rows by `dohyo league table`.
+{told} Edition {edition}, {driven}written from stored rows by `dohyo league table`. Commits of one version may judge or drive differently: `facts.json` names that of each evaluation, and `dohyo league verify` compares the records.
 
-In bold stands who leads a discipline, and everybody whose paired difference to the leader is not significant after a correction over all pairs of the discipline. With few drives that leaves many in bold who drive worse: their numbers tell more. Entrants stand by their mean rank."""  # noqa: E501
+Bold marks the leader of a discipline, and every entrant whose paired difference to the leader is not significant after a correction over all pairs. With few drives this includes entrants that drive clearly worse, so read the numbers, too. Entrants are ordered by their mean rank; a discipline that an entrant did not drive counts as the last place. [An edition of your own](researchers/evaluating.md#a-league) compares your driver in the same way."""  # noqa: E501
 
 _RULES: Final = """## Rules
 
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 %, by flipped signs of the paired differences and after Holm's correction over all pairs of a discipline. Intervals are 95 %, bootstraps over drives or Wilson's of single vehicles' shares, and not corrected.
-* Seeds of one mission are drives in different traffic, and count each. A difference is thus one on these missions, in any traffic. Of other missions a few say little: where all seeds of a mission count once, fewer differences are significant. That leaves: {left}.
+* Seeds of one mission are drives in different traffic, and each counts. A difference therefore holds on these missions, in any traffic. Whether it holds on other missions, only disciplines with many missions can show: with eight or fewer none can be significant after the correction, however large. For that, all seeds of a mission count once. That leaves: {left}.
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
 * `dohyo league run` resumes; `dohyo league verify --sample 2` of the version that drove the rows drives two of everybody again, and compares the hashes of the records, and every measure.

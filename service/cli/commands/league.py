@@ -21,7 +21,10 @@ from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
 
 DIFFERS = 1
-EditionFile = Annotated[Path, typer.Option("--edition", help="TOML file of disciplines and entrants.")]
+EditionFile = Annotated[
+    Path,
+    typer.Option("--edition", help="TOML file of disciplines and entrants.", show_default="the published edition"),
+]
 Rows = Annotated[Path | None, typer.Option(help="Folder of the rows; default: that of the edition's file.")]
 
 

@@ -199,7 +199,7 @@ def test_a_folder_that_cannot_hold_the_manifest_is_refused(tmp_path: Path, monke
 
 def test_a_folder_that_another_process_uses_is_refused_and_nothing_is_driven(tmp_path: Path) -> None:
     out, settings = tmp_path / "out", {"file": str(tmp_path / "notes")}
-    with held(out), pytest.raises(InvalidInputError, match="'.*out' is in use by another process: wait until it ends"):
+    with held(out), pytest.raises(InvalidInputError, match=r"'.*out' is in use by another process: wait until it ends"):
         run_benchmark(benchmark(missions=1), "tests.evaluation.agents:Noted", settings=settings, seeds=[0], out=out)
     assert [path.name for path in out.iterdir()] == [".lock"]
     assert not (tmp_path / "notes").exists()
