@@ -75,14 +75,15 @@ def verify(
     sample: Annotated[int, typer.Option(min=1, help="Rows of each entrant in each discipline.")] = 2,
     seed: Annotated[int, typer.Option(help="Of the choice.")] = 0,
     disciplines: Annotated[str | None, typer.Option(help="Names, such as town,city; default: all.")] = None,
+    entrants: Annotated[str | None, typer.Option(help="Names, such as ghrl,mbappe; default: all.")] = None,
     edition: EditionFile = DOCUMENT,
 ) -> None:
     """Drives rows of the league again. Exit code 1 if a record's hash or a measure differs."""
     find_own_modules()
-    chosen = read_edition(edition)
-    wanted = [chosen.discipline(name).name for name in disciplines.split(",")] if disciplines else None
-    folder = rows or edition.parent
-    stored = [row for row in read_league_rows(chosen, folder) if wanted is None or row["benchmark"] in wanted]
+    chosen, folder = read_edition(edition), rows or edition.parent
+    names = [text.split(",") if text else [] for text in (disciplines, entrants)]
+    wanted = {(discipline.name, entrant.name) for discipline, entrant in league.chosen_of(chosen, *names)}
+    stored = [row for row in read_league_rows(chosen, folder) if (row["benchmark"], row["arm"]) in wanted]
     if not stored:
         raise InvalidInputError(f"'{folder}': expected rows of the league, found none")
     check_version(folder, stored)

@@ -156,6 +156,9 @@ def test_rows_driven_again_have_the_same_hashes_and_a_changed_one_is_found(drive
     done = dohyo.invoke(app, arguments)
     assert done.exit_code == 0, done.output
     assert done.output.count(": same") == 2
+    alone = dohyo.invoke(app, [*arguments, "--entrants", "reckless"])
+    assert (alone.exit_code, alone.output.count(": same")) == (0, 1)
+    assert "nobody" in str(dohyo.invoke(app, [*arguments, "--entrants", "nobody"]).exception)
     drive, lot, _ = sorted(read_rows(driven), key=lambda row: str(row["benchmark"]))
     changed = [{**drive, "record_hash": "0" * 64}, {**lot, "success": 50.0, "time_s": 1.0}]
     checks = league.verify(read_edition(edition), changed, 1, 0)
