@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dohyo.evaluation.benchmarks.loading import load
 from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config, Name
-from dohyo.sumo_networks.parking.limits import MAX_KARTS
+from dohyo.sumo_networks.parking.limits import MAX_KARTS, most_karts
 from dohyo.sumo_networks.scenario import content_hash
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
@@ -44,6 +44,12 @@ class ParkingBenchmark(Config):
     scene: SceneName
     karts: Annotated[int, Field(ge=1, le=MAX_KARTS)] = 1
     lots: Annotated[int, Field(ge=1, le=100_000)] = 2000
+
+    @model_validator(mode="after")
+    def _spots_for_all(self) -> ParkingBenchmark:
+        if self.karts > (most := most_karts(self.scene)):
+            raise ValueError(f"expected at most {most} karts in the scene '{self.scene}', got {self.karts}")
+        return self
 
     @property
     def sha256(self) -> str:

@@ -50,13 +50,13 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
 
         Args:
             scene: Kind of lot, drawn at each reset; or one lot, which each reset begins again.
-            karts: Karts in a drawn lot; a given lot has its own.
+            karts: Karts in a drawn lot, 1 to 8, in the scene PARALLEL 1 to 5; a given lot has its own.
             rules: When an episode ends, and with which reward.
             state: Columns of the observation.
             render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
-            InvalidInputError: There is no kart, or the render mode is unknown.
+            InvalidInputError: The number of karts is not possible, or the render mode is unknown.
         """
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError(f"expected render_mode 'rgb_array' or None, got {render_mode!r}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.parking.contact import distance_to_segment, store_box
-from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, PARALLEL_SPOTS
 from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.tables import BOXES, FREE, KIND, LIMIT, SPOTS, WALKERS, WALLS, Tables
 
@@ -130,7 +130,7 @@ def _draw_row(
     sin, cos = abs(math.sin(heading)), abs(math.cos(heading))
     pitch = length if scene == _PARALLEL else across / sin
     deep = across if scene == _PARALLEL else length * sin + across * cos
-    count = _whole(state, 5, 6) if scene == _PARALLEL else _whole(state, 8, 12)
+    count = _whole(state, PARALLEL_SPOTS[0], PARALLEL_SPOTS[1]) if scene == _PARALLEL else _whole(state, 8, 12)
     y = depth / 2 - ROW_GAP_M - deep / 2
     room = width / 2 - 2.0 - 0.5 * (pitch * (count - 1) + length * cos + across * sin)
     first = _uniform(state, -room, room) - 0.5 * pitch * (count - 1)

@@ -54,12 +54,12 @@ class ParkingVectorEnv(ArrayVectorEnv):
         Args:
             lots: Number of lots; `num_envs` is this times `karts`.
             levels: At least one.
-            karts: Karts in each lot.
+            karts: Karts in each lot, 1 to 8, in the scene PARALLEL 1 to 5.
             state: Columns of the observation.
             level: Level where `reset` is given none.
 
         Raises:
-            InvalidInputError: There is no lot, no kart, or no such level.
+            InvalidInputError: There is no lot or no such level, or the number of karts is not possible.
         """
         self.world, self.levels, self._level = ParkingWorld(lots, karts), tuple(levels), level
         self._check_level(level)

@@ -13,7 +13,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.parking import kart, kernel
 from dohyo.sumo_networks.parking.generate import Scene, draw
-from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
+from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_KARTS, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, most_karts
 from dohyo.sumo_networks.parking.lot import Lot
 from dohyo.sumo_networks.parking.observation import COLUMNS, observe
 from dohyo.sumo_networks.parking.rows import LotView, describe, write_lot
@@ -82,13 +82,15 @@ class ParkingWorld:
 
         Args:
             lots: Number of lots.
-            karts: Most karts in a lot.
+            karts: Most karts in a lot, 1 to 8.
 
         Raises:
-            InvalidInputError: There is no lot or no kart.
+            InvalidInputError: There is no lot or no kart, or there are more than 8 karts.
         """
         if lots < 1 or karts < 1:
             raise InvalidInputError(f"expected at least one lot and one kart, got {lots} and {karts}")
+        if karts > MAX_KARTS:
+            raise InvalidInputError(f"expected at most {MAX_KARTS} karts in a lot, got {karts}")
         self.lots, self.karts = lots, karts
         self.tables = Tables.empty(lots, karts)
         self._rewards = np.zeros((lots, karts))
@@ -109,7 +111,15 @@ class ParkingWorld:
             seeds: (R,) one each, in [0, 2^63).
             scene: Kind of lot.
             rules: When an episode ends.
+
+        Raises:
+            InvalidInputError: There are more karts than such a lot may have spots.
         """
+        if self.karts > (most := most_karts(name := Scene(scene).name.lower())):
+            raise InvalidInputError(
+                f"expected at most {most} karts in a lot of the scene '{name}', which may have only {most} spots, "
+                f"got {self.karts}"
+            )
         rows = np.asarray(lots, np.int64)
         self.tables.rules[rows] = rules.row()
         _draw_all(rows, np.asarray(seeds, np.int64), int(scene), self.tables)

@@ -59,6 +59,9 @@ def test_a_benchmark_of_ones_own_and_wrong_ones(tmp_path):
     path.write_text(head + 'scene = "lunar"\n')
     with pytest.raises(InvalidInputError, match=r"scene: expected 'simple', 'complex', .* got 'lunar'"):
         load_parking_benchmark(str(path))
+    path.write_text(head + 'scene = "parallel"\nkarts = 6\n')
+    with pytest.raises(InvalidInputError, match="expected at most 5 karts in the scene 'parallel', got 6"):
+        load_parking_benchmark(str(path))
     with pytest.raises(UnknownNameError, match="did you mean 'parking-angled'"):
         load_parking_benchmark("parking-angle")
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.lot import SpotKind
@@ -36,6 +37,15 @@ def test_every_drawn_lot_is_a_valid_lot_that_drives_the_same(scene, karts):
     for action in actions:
         assert np.array_equal(world.step(action), given.step(action))
         assert np.array_equal(world.observations, given.observations)
+
+
+@pytest.mark.parametrize(("scene", "most"), [(scene, 5 if scene == Scene.PARALLEL else 8) for scene in Scene])
+def test_every_kart_has_a_spot_and_more_karts_than_spots_are_refused(scene, most):
+    world = drawn(scene, most)
+    assert min(len(world.view(lot).spots) for lot in range(LOTS)) >= most
+    if most < 8:
+        with pytest.raises(InvalidInputError, match=f"at most {most} karts in a lot of the scene 'parallel'.*, got 6$"):
+            drawn(scene, most + 1)
 
 
 def test_lots_differ_by_seed_and_by_scene_and_not_otherwise():

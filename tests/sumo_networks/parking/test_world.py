@@ -262,6 +262,12 @@ def test_a_lot_with_more_karts_than_the_world_is_refused():
         ParkingWorld(0)
 
 
+@pytest.mark.parametrize("karts", [9, 30, 60])
+def test_more_karts_than_a_lot_holds_are_refused(karts):
+    with pytest.raises(InvalidInputError, match=f"^expected at most 8 karts in a lot, got {karts}$"):
+        ParkingWorld(1, karts)
+
+
 def box(**rest) -> dict[str, float]:
     return {"x_m": 0.0, "y_m": 0.0, "heading_rad": NORTH, "length_m": 5.0, "width_m": 2.5, **rest}
 
