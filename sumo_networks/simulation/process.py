@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import ClassVar
 
 import libsumo
 
@@ -30,7 +32,26 @@ def sumo_version() -> str:
     return str(libsumo.getVersion()[1])
 
 
-def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
+class SumoSession:
+    """SUMO in this process, from `start_sumo` until `close`.
+
+    SUMO is global to the process, so a session closes it only while it is the latest one. One that is closed late, by
+    the garbage collection, does not end the SUMO of another.
+    """
+
+    _latest: ClassVar[SumoSession | None] = None
+
+    def __init__(self) -> None:
+        SumoSession._latest = self
+
+    def close(self) -> None:
+        """Ends SUMO, unless that has happened or another session has begun."""
+        if SumoSession._latest is self:
+            SumoSession._latest = None
+            libsumo.close()
+
+
+def start_sumo(network: RoadNetwork, seed: int, friction: float) -> SumoSession:
     """Starts SUMO on a network, with `friction` as the share of the roads' dry grip.
 
     Raises:
@@ -39,6 +60,8 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
     """
     if not network.path.exists():
         raise InvalidInputError(f"network file '{network.path}' does not exist any more")
+    if libsumo.isLoaded():
+        gc.collect()  # it may belong to a simulation that nothing refers to except itself
     if libsumo.isLoaded():
         raise SimulationError(
             "another simulation of this process is still open; close it, or use one process per simulation"
@@ -50,9 +73,11 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> None:
     except libsumo.TraCIException as error:
         libsumo.close()  # SUMO stays open after a failed load
         raise SimulationError(f"SUMO could not load network '{network.name}': {error}") from error
+    session = SumoSession()
     if slippery:
         for edge in libsumo.edge.getIDList():
             libsumo.edge.setFriction(edge, friction)
+    return session
 
 
 def set_impatience(impatience: float) -> None:

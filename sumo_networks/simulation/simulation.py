@@ -6,6 +6,7 @@ to it with moveToXY, so that the traffic reacts to the ego.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 
@@ -54,6 +55,8 @@ FASTER = 1.3  # factor on the speed limit that an ego may drive, for the range o
 class Simulation:
     """A running simulation of one scenario in SUMO; one per process at a time, since libsumo is global.
 
+    SUMO ends with `close`, or with the last reference to the simulation.
+
     Attributes:
         plan: Plan of the scenario.
         world: World after the last tick.
@@ -85,8 +88,9 @@ class Simulation:
         )
         self._events = EventManager(network, plan.scenario.events, plan.egos, plan.routes, events_seed)
         self._jaywalkers = Jaywalkers(network, traffic.jaywalker_count, np.random.default_rng(walkers_seed))
-        start_sumo(network, int(sumo_seed.generate_state(1)[0] % 2**31), plan.conditions.friction)
-        self._open = True
+        session = start_sumo(network, int(sumo_seed.generate_state(1)[0] % 2**31), plan.conditions.friction)
+        self._end_sumo = weakref.finalize(self, session.close)
+        self._end_sumo.atexit = False  # SUMO ends with the process
         try:
             self._signals = SignalReader(network)
             with failing_as_simulation_error(self._tick):
@@ -156,9 +160,7 @@ class Simulation:
 
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
-        if self._open:
-            self._open = False
-            libsumo.close()
+        self._end_sumo()
 
     def _apply(self, requests: Iterable[Request]) -> None:
         """Carries out requests in SUMO in order; only this method adds, moves or removes actors."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RecordVideo
+from gymnasium.wrappers import RecordVideo, TimeLimit
 
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -79,6 +79,13 @@ def test_a_reset_ends_the_episode_of_another_one_in_the_process(env: SingleDrivi
         env.step(env.action_space.sample())
     other.step(other.action_space.sample())
     other.close()
+
+
+def test_a_cell_of_a_notebook_runs_twice() -> None:
+    for _ in range(2):
+        wrapped = TimeLimit(SingleDrivingEnv(FIRST, sensors=("speedometer",)), 5)  # the first one is dropped unclosed
+        wrapped.reset(seed=0)
+    wrapped.close()
 
 
 def test_it_draws_what_is_around_the_ego(env: SingleDrivingEnv) -> None:

@@ -255,6 +255,22 @@ def test_a_second_simulation_in_one_process_is_refused(start: Start) -> None:
     second.close()
 
 
+def test_a_forgotten_simulation_ends_its_own_sumo_and_no_other() -> None:
+    scenario = on(straight_road(), standing_at(100.0))
+    plan = plan_scenario(load_network(scenario.network), scenario)
+    forgotten: Simulation | None = Simulation(plan)
+    forgotten = None
+    assert not libsumo.isLoaded()
+    forgotten = Simulation(plan)
+    libsumo.close()  # as after a fatal error of SUMO
+    other = Simulation(plan)
+    forgotten = None
+    assert forgotten is None
+    assert driven(other, BRAKE, 0.2)[-1].tick == 2
+    other.close()
+    assert not libsumo.isLoaded()
+
+
 def test_a_plan_can_start_again(start: Start) -> None:
     simulation, first = start(busy_road())
     driven(simulation, FULL_THROTTLE, 2.0)
