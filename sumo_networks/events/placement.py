@@ -42,7 +42,10 @@ def trigger_of(event: BaseEvent, network: RoadNetwork, route: Route) -> float:
     lane = network.lane_index.get(event.at.lane)
     if lane is None:
         raise PlacementError(f"network '{network.name}' has no such lane")
-    x, y, _ = network.lane_point(lane, event.at.position_m)
+    length, position = float(network.lanes.length[lane]), event.at.position_m
+    if not -length <= position <= length:
+        raise PlacementError(f"{position} m is off the lane, which is {length:.1f} m long")
+    x, y, _ = network.lane_point(lane, position)
     distance = np.hypot(*(route.position - (x, y)).T)
     row = int(distance.argmin())
     if distance[row] > network.lanes.width[lane]:

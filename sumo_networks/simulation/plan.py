@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from dohyo.sumo_networks.conditions import Conditions, conditions_named
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.ego.fleet import EgoFleet
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events.placement import check_placement
+from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
@@ -55,7 +58,7 @@ class ScenarioPlan:
 
 
 def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> ScenarioPlan:
-    """Plans the routes, and checks that flows and events are possible, without SUMO.
+    """Plans the routes, and checks that starts, flows and events are possible, without SUMO.
 
     Args:
         network: The road network.
@@ -63,15 +66,31 @@ def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehiclePara
         vehicle: Vehicle parameters of the egos on a dry road; None: the default car.
 
     Raises:
-        InvalidInputError: A mission, flow or event is impossible; the message says which and why.
+        InvalidInputError: A mission, flow or event is impossible, or two egos touch at their starts; the message says
+            which and why.
     """
     conditions, dry = conditions_named(scenario.conditions), vehicle or VehicleParameters()
     routes = tuple(plan_route(network, mission) for mission in scenario.missions)
     on_road = replace(dry, friction=dry.friction * conditions.friction)
     plan = ScenarioPlan(network, scenario, conditions, on_road, routes)
+    _check_starts(plan)
     if scenario.log is None:
         for event in scenario.events:
             ego = event.ego or plan.egos[0]
             check_placement(event, ego, network, routes[plan.egos.index(ego)])
         make_flow_sources(network, scenario.traffic.flows, np.random.default_rng(0))
     return plan
+
+
+def _check_starts(plan: ScenarioPlan) -> None:
+    """Raises InvalidInputError if two egos touch at their starts."""
+    fleet, size = plan.fleet(), (plan.vehicle.length, plan.vehicle.width)
+    boxes = np.array([(*centre, fleet.heading(ego), *size) for ego, centre in enumerate(fleet.centres.tolist())])
+    touch = boxes_overlap(boxes, boxes)
+    for one, other in combinations(range(len(boxes)), 2):
+        if touch[one, other]:
+            start = plan.scenario.missions[other].start
+            raise InvalidInputError(
+                f"missions '{plan.egos[one]}' and '{plan.egos[other]}' start too near each other: their cars touch at "
+                f"{start.position_m:g} m of lane '{start.lane}'"
+            )

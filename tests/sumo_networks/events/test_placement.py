@@ -89,6 +89,15 @@ def test_a_place_that_the_route_does_not_pass_is_an_error() -> None:
         check_placement(nowhere, "ego", network, route)
 
 
+@pytest.mark.parametrize("position_m", [5000.0, -5000.0])
+def test_a_place_off_its_lane_is_an_error(position_m: float) -> None:
+    network, mission = TOWN
+    start = {"lane": mission.start.lane, "position_m": position_m}
+    off = EVENT.validate_python({"kind": "vehicle_appears", "name": "it", "at": start})
+    with pytest.raises(InvalidInputError, match=rf"of 'ego': {position_m} m is off the lane, which is .* m long$"):
+        check_placement(off, "ego", load_network(network), route_of(*TOWN))
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
