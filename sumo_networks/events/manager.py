@@ -26,7 +26,7 @@ LINGER_S = 20.0
 
 @dataclass(slots=True)
 class _Performance:
-    """One event and its state."""
+    """One event and its state. It is closed when its script has ended or its ego has left; its actors then leave."""
 
     behavior: EventBehavior[BaseEvent]
     ego: int
@@ -35,12 +35,17 @@ class _Performance:
     prepared: bool = False
     started: float = math.nan
     ended: float = math.nan
+    closed: float = math.nan
     ahead: float = math.nan
     seen: list[str] = field(default_factory=list)
 
     @property
     def over(self) -> bool:
         return self.phase in (EventPhase.DONE, EventPhase.TIMED_OUT)
+
+    @property
+    def is_closed(self) -> bool:
+        return not math.isnan(self.closed)
 
 
 class EventManager:
@@ -98,7 +103,7 @@ class EventManager:
         self._departed.update(name for name in departed if role_of(name) is Role.EVENT)
         requests: list[Request] = []
         for one in self._performances:
-            if one.over and not one.behavior.actors:
+            if one.is_closed and not one.behavior.actors:
                 continue
             context = EventContext(
                 world, egos, one.ego, world.time + tick_s, tick_s, self._departed, self.actors, requests
@@ -129,7 +134,7 @@ class EventManager:
 
     def _perform(self, one: _Performance, context: EventContext) -> None:
         behavior, progress = one.behavior, context.egos.progress.item(one.ego)
-        if one.over:
+        if one.is_closed:
             self._linger(one, context)
             return
         if not context.egos.active[one.ego]:
@@ -150,16 +155,21 @@ class EventManager:
             one.phase = EventPhase.TIMED_OUT
         one.ahead = behavior.ahead(context)
         if one.over:
-            one.ended = context.time
+            one.ended = one.closed = context.time
             behavior.withdraw(context)
 
     def _linger(self, one: _Performance, context: EventContext) -> None:
-        """Removes the actors of an ended event when no ego sees them, and at the latest after 20 s."""
-        one.behavior.after(context)
+        """Moves the actors of a closed event on, as far as they have begun, until they leave."""
+        if one.over:
+            one.behavior.after(context)
+        self._remove_unseen(one, context)
+
+    def _remove_unseen(self, one: _Performance, context: EventContext) -> None:
+        """Removes the actors of a closed event when no ego sees them, and at the latest after 20 s."""
         drivers = context.egos.position[context.egos.active]
         for actor in one.behavior.actors:
             hidden = all(actor.distance(*driver) > SIGHT_M for driver in drivers.tolist())
-            if hidden or context.time - one.ended > LINGER_S:
+            if hidden or context.time - one.closed > LINGER_S:
                 actor.present = False
         if not any(actor.present for actor in one.behavior.actors):
             for actor in one.behavior.actors:
@@ -167,14 +177,12 @@ class EventManager:
             one.behavior.actors.clear()
 
     def _dismiss(self, one: _Performance, context: EventContext) -> None:
-        """Ends an event whose ego has left the road."""
-        if one.prepared:
-            one.behavior.withdraw(context)
-            one.prepared = False
+        """Closes an event whose ego has left the road; one that had begun is done."""
         if one.phase is EventPhase.ACTIVE:
             one.phase, one.ended = EventPhase.DONE, context.time
-        for actor in one.behavior.actors:
-            actor.present = False
+        one.closed = context.time
+        one.behavior.withdraw(context)
+        self._remove_unseen(one, context)
 
     def _show(self, one: _Performance, context: EventContext) -> None:
         for actor in one.behavior.actors:

@@ -41,6 +41,16 @@ def test_an_actor_that_disappears_is_hidden() -> None:
     assert manager.actors == []
 
 
+def test_actors_are_hidden_at_once_when_the_last_ego_has_left() -> None:
+    scene = straight_road().with_ego(x=0.0)
+    manager = managed(scene, "vehicle_appears")
+    ticked(manager, scene)
+    world = scene.world()
+    gone = replace(world.egos, active=np.zeros(1, dtype=np.bool_))
+    assert manager.update(world, gone, (), TICK_S) == [HideActor("event:it-0")]
+    assert manager.update(world, gone, (), TICK_S) == []
+
+
 def test_the_next_vehicle_of_a_flow_waits_until_the_last_one_has_entered() -> None:
     scene = stop_sign_crossing().with_ego(x=-100.0)
     manager = managed(scene, "enter_actor_flow", 60.0, gap_m=(1.0, 1.0))

@@ -30,6 +30,10 @@ from tests.sumo_networks.events.stories import (
 TRAFFIC = Traffic(vehicles=25, bicycles=3, pedestrians=10, warm_up_s=5.0)
 
 
+def actors_of(world: World) -> set[str]:
+    return {world.names[key] for key in world.actors.key}
+
+
 def digest(worlds: list[World]) -> str:
     total = hashlib.sha256()
     for world in worlds:
@@ -144,4 +148,26 @@ def test_two_egos_have_their_own_events(make_env: MakeEnv) -> None:
     env.retire("second")
     env.step({"first": np.zeros(2, np.float32)})
     assert env.world.events[1].phase is EventPhase.DONE
-    assert rows_of(env.world) == []
+
+
+@pytest.mark.parametrize(("at_m", "phase"), [(0.0, EventPhase.DONE), (30.0, EventPhase.WAITING)])
+@pytest.mark.parametrize(("apart_m", "stays_s"), [(20.0, 20.0), (150.0, 0.0)])
+def test_actors_leave_another_egos_sight_as_always_when_their_own_ego_has_left(
+    at_m: float, phase: EventPhase, apart_m: float, stays_s: float, make_env: MakeEnv
+) -> None:
+    first = COUNTRY[1].model_copy(update={"name": "first"})
+    second = Mission(name="second", start=Place(lane="hill_road_2_1", position_m=5.0 + apart_m), goal=first.goal)
+    parked = {"kind": "parked_obstacle_two_ways", "name": "it", "ego": "second", "at_m": at_m, "ahead_m": 40.0}
+    event = EVENT.validate_python(parked)
+    scenario = Scenario(network="district", missions=(first, second), events=(event,))
+    env = make_env(scenario, control="lane_command", reward=None)
+    env.reset()
+    env.step(dict.fromkeys(("first", "second"), np.zeros(2, np.float32)))
+    env.retire("second")
+    there = []
+    for _ in range(220):
+        env.step({"first": np.zeros(2, np.float32)})
+        there.append("event:it-0" in actors_of(env.world))
+    assert state(env.world).phase is phase
+    assert sum(there) == pytest.approx(10 * stays_s, abs=2)
+    assert there == sorted(there, reverse=True)
