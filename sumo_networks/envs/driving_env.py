@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -15,26 +14,32 @@ from dohyo.sumo_networks.actors.external import ExternalActors
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS, Pose, PoseControl
+from dohyo.sumo_networks.envs.options import (
+    DEFAULT_SENSORS,
+    RENDERING,
+    SensorNames,
+    by_ego,
+    check_names,
+    check_render_mode,
+    check_reward,
+    check_time_limit,
+    checked_sensors,
+)
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
-from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.sensors import Observation, Sensor, SensorConfig, Track, make_sensors
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+from dohyo.sumo_networks.sensors import Observation, Sensor, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors, World
 
-SensorNames = Sequence[str | SensorConfig]
-
 SENSOR_NOISE = 1  # separates this stream of random numbers from the traffic's
-DEFAULT_SENSORS = ("speedometer", "route", "objects", "junctions_ahead")
-RENDER_MODES = ("rgb_array",)
-RENDERING: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / TICK_S)}
-"""Metadata of every environment about its pictures."""
 
 
 class DrivingEnv(ParallelEnv):  # type: ignore[misc]
@@ -62,6 +67,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         control: str | Mapping[str, str] = "target_speed_steering",
         reward: str | None = "roach",
         render_mode: str | None = None,
+        new_seeds: bool = False,
     ) -> None:
         """Plans the routes and checks every name; SUMO starts at `reset`.
 
@@ -71,9 +77,11 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             control: Name from `control.CONTROLS`, for all egos or by ego name.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
             render_mode: "rgb_array" for pictures from `render`.
+            new_seeds: Whether a reset without a seed draws a new one below 2^30. By default it repeats the last one.
 
         Raises:
-            InvalidInputError: A name is unknown, or a time limit or mission is impossible.
+            InvalidInputError: A name is unknown, an ego has no sensors or control, or a time limit or mission is
+                impossible.
         """
         check_render_mode(render_mode)
         check_time_limit(scenario)
@@ -83,13 +91,13 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         self.possible_agents = [mission.name for mission in scenario.missions]
         self.agents: list[str] = []
         self._index = {name: i for i, name in enumerate(self.possible_agents)}
-        self._sensor_names = (
-            dict(sensors) if isinstance(sensors, Mapping) else dict.fromkeys(self.possible_agents, sensors)
-        )
+        self._new_seeds, self._seeds = new_seeds, np.random.default_rng(scenario.seed)
+        chosen_sensors = by_ego("sensors", sensors, self.possible_agents)
+        self._sensor_names = {name: checked_sensors(chosen) for name, chosen in chosen_sensors.items()}
         self._sensors = self._new_sensors()
-        self._control_names = (
-            dict(control) if isinstance(control, Mapping) else dict.fromkeys(self.possible_agents, control)
-        )
+        self._control_names = by_ego("control", control, self.possible_agents)
+        check_names("control", self._control_names.values())
+        check_reward(reward)
         self._reward_name = reward
         self._plan = plan_scenario(load_network(scenario.network), scenario)
         self._simulation: Simulation | Replay | None = None
@@ -140,13 +148,19 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Starts the scenario from its first tick.
 
         Args:
-            seed: Seed that replaces the scenario's seed.
+            seed: Seed that replaces the scenario's seed, also in later resets. Without one, the episode has the seed
+                of the last one, and so the same traffic; with `new_seeds` it has one that follows from the last seed
+                given.
             options: Unused.
 
         Raises:
             InvalidInputError: The network cannot carry this traffic.
             SimulationError: SUMO failed, or another environment of this process is still open.
         """
+        if seed is not None:
+            self._seeds = np.random.default_rng(int(seed) % 2**31)
+        elif self._new_seeds:
+            seed = int(self._seeds.integers(HELD_OUT_FROM))
         if seed is not None and seed != self.scenario.seed:
             self._plan = self._plan.with_seed(int(seed) % 2**31)
             self.scenario = self._plan.scenario
@@ -173,7 +187,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
         Raises:
             InvalidActionError: An action is missing, is for an unknown ego, has a wrong shape or is not finite;
-                the simulation is then unchanged.
+                simulation and controls are then unchanged.
             SimulationError: SUMO failed.
         """
         drove, before = list(self.agents), self.world
@@ -183,14 +197,16 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             )
         if missing := [name for name in drove if name not in actions]:
             raise InvalidActionError(f"expected an action for every ego that drives, got none for {', '.join(missing)}")
+        # All are checked before any control computes, since controls integrate.
+        checked = {name: self._controls[name].checked(actions[name]) for name in drove}
         commands = np.zeros((len(self.possible_agents), 2))
         poses: dict[int, Pose] = {}
-        for name in drove:
+        for name, action in checked.items():
             ego = self._index[name]
             control = self._controls[name]
-            commands[ego] = control.command(actions[name], before, ego)
+            commands[ego] = control.command(action, before, ego)
             if isinstance(control, PoseControl):
-                poses[ego] = control.pose(actions[name])
+                poses[ego] = control.pose(action)
         self._running.tick(commands, poses)
         after = self.world
         cut = is_late(after, self.scenario.time_limit_s) or is_played_out(after, self.scenario.duration_s)
@@ -303,21 +319,3 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
             name: {sensor.name: sensor.read(world, self._index[name]) for sensor in self._sensors[name]}
             for name in names
         }
-
-
-def check_time_limit(scenario: Scenario) -> None:
-    """Raises InvalidInputError if a scenario's time limit is not a finite number of seconds above 0.
-
-    A scenario checks its fields when it is made, but not when it is copied with another limit.
-    """
-    limit_s = scenario.time_limit_s
-    if limit_s is not None and not 0.0 < limit_s < math.inf:
-        raise InvalidInputError(
-            f"scenario '{scenario.name}': expected a finite time_limit_s above 0, in seconds, got {limit_s}"
-        )
-
-
-def check_render_mode(mode: str | None) -> None:
-    """Raises UnknownNameError if a render mode does not exist; None draws nothing."""
-    if mode is not None and mode not in RENDER_MODES:
-        raise UnknownNameError("render mode", mode, RENDER_MODES)

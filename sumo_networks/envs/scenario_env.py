@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 
 from dohyo.sumo_networks.ego.control import make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
-from dohyo.sumo_networks.envs.driving_env import (
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.options import (
     DEFAULT_SENSORS,
-    DrivingEnv,
     SensorNames,
+    check_names,
+    check_num_envs,
     check_render_mode,
+    check_reward,
     check_time_limit,
+    checked_sensors,
 )
 from dohyo.sumo_networks.envs.process_vector_env import ProcessVectorEnv
-from dohyo.sumo_networks.envs.reward import make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -54,16 +57,16 @@ def scenario_rows(
     Raises:
         InvalidInputError: A name is unknown, no scenario is given, or scenarios differ in the number of egos.
     """
-    if num_envs < 1:
-        raise InvalidInputError(f"expected at least one environment, got num_envs={num_envs}")
-    if reward is not None:
-        make_reward(reward)
+    check_num_envs(num_envs)
+    chosen = checked_sensors(sensors)
+    check_names("control", [control])
+    check_reward(reward)
     check_render_mode(render_mode)
     egos = count_egos(scenarios)
     return ProcessVectorEnv(
-        make_env=partial(ScenarioEnv, scenarios, egos, (tuple(sensors), control, reward, render_mode)),
+        make_env=partial(ScenarioEnv, scenarios, egos, (chosen, control, reward, render_mode)),
         num_envs=num_envs * egos,
-        observation_space=Dict({sensor.name: sensor.space for sensor in make_sensors(sensors)}),
+        observation_space=Dict({sensor.name: sensor.space for sensor in make_sensors(chosen)}),
         action_space=make_control(control, VehicleParameters(), TICK_S).space,
         group_size=egos,
     )

@@ -11,13 +11,8 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from dohyo.sumo_networks.envs.driving_env import (
-    DEFAULT_SENSORS,
-    RENDERING,
-    DrivingEnv,
-    SensorNames,
-    check_time_limit,
-)
+from dohyo.sumo_networks.envs.driving_env import DrivingEnv
+from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, RENDERING, SensorNames, check_time_limit
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM

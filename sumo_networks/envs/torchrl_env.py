@@ -12,8 +12,8 @@ from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.data.utils import numpy_to_torch_dtype_dict
 from torchrl.envs import EnvBase
 
-from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, SensorNames
 from dohyo.sumo_networks.envs.env_rows import Observations
+from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, SensorNames
 from dohyo.sumo_networks.envs.scenario_env import ScenarioSource
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 

@@ -14,6 +14,7 @@ from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.reward import REWARDS
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from dohyo.sumo_networks.sensors import SENSORS
 from tests.conftest import MakeEnv
 from tests.sumo_networks.simulation.drives import busy_road, in_ingolstadt, on, standing_at
@@ -89,6 +90,25 @@ def test_supersuit_accepts_it(make_env: MakeEnv) -> None:
     observations, rewards, *_ = both.step(np.zeros((2, 2), np.float32))
     assert (observations["route"].shape, rewards.shape) == ((2, 80, 7), (2,))
     both.close()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_supersuits_episodes_have_seeds_of_their_own_where_the_caller_wants_that(make_env: MakeEnv) -> None:
+    def seeds(*, new: bool) -> list[int]:
+        env = make_env(light(time_limit_s=0.05), sensors=("speedometer",), new_seeds=new)
+        vector, found = supersuit.pettingzoo_env_to_vec_env_v1(env), []
+        vector.reset(seed=7)
+        for _ in range(3):
+            found.append(env.scenario.seed)
+            vector.step(np.zeros((1, 2), np.float32))
+        return found
+
+    assert seeds(new=False) == [7] * 3
+    drawn = seeds(new=True)
+    assert drawn[0] == 7
+    assert len(set(drawn)) == 3
+    assert all(0 <= seed < HELD_OUT_FROM for seed in drawn)
+    assert seeds(new=True) == drawn, "the first seed decides all"
 
 
 def test_it_draws_what_is_around_the_first_ego(make_env: MakeEnv) -> None:
@@ -239,6 +259,32 @@ def test_unknown_names_are_refused_before_sumo_starts(options: dict[str, Any], m
         make_env(short(), **options)
 
 
+EACH_EGO = "expected one entry for each of the egos ego, second, got entries for "
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sensors": "speedometer"}, "sensors: expected a list of names or configurations, got 'speedometer'"),
+        ({"sensors": SENSORS["camera_rgb"]}, "sensors: expected a list of names or configurations, got CameraConfig"),
+        ({"sensors": 3}, "sensors: expected a list of names or configurations, got 3"),
+        ({"sensors": ["lane", 3]}, "sensors: expected a name or a configuration, got 3"),
+        ({"sensors": {"ego": ["lane"], "second": "lane"}}, "expected a list of names or configurations, got 'lane'"),
+        ({"sensors": {"ego": ["lane"]}}, f"sensors: {EACH_EGO}ego$"),
+        ({"sensors": {}}, f"sensors: {EACH_EGO}none$"),
+        ({"control": {"ego": "waypoints"}}, f"control: {EACH_EGO}ego$"),
+        ({"control": dict.fromkeys(("ego", "second", "third"), "waypoints")}, f"control: {EACH_EGO}ego, second, third"),
+        ({"control": None}, "control: expected a name, got None"),
+        ({"control": ["waypoints"]}, r"control: expected a name, got \['waypoints'\]"),
+        ({"reward": 3}, "reward: expected a name, got 3"),
+        ({"render_mode": 3}, "render_mode: expected a name, got 3"),
+    ],
+)
+def test_options_of_another_form_are_refused(options: dict[str, Any], message: str, make_env: MakeEnv) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        make_env(two_egos(), **options)
+
+
 def test_an_impossible_mission_is_refused_before_sumo_starts(make_env: MakeEnv) -> None:
     with pytest.raises(InvalidInputError, match="no lane 'nowhere'"):
         make_env(on(straight_road(), Mission(start=Place(lane="nowhere"), goal=Place(lane="w_e_0"))))
@@ -256,6 +302,21 @@ def test_an_invalid_action_moves_nobody(make_env: MakeEnv) -> None:
     env.check_action("second", [1.0, 0.0])
     env.step({"ego": np.array([5.0, 0.0]), "second": np.array([5.0, 0.0])})
     assert env.world.tick == 1
+
+
+def test_an_invalid_action_of_one_ego_advances_no_control(make_env: MakeEnv) -> None:
+    def speeds(refused: int) -> list[float]:
+        env = make_env(two_egos(), sensors=("speedometer",), control="target_speed_steering")
+        env.reset()
+        good = {"ego": np.array([2.0, 0.0]), "second": np.array([2.0, 0.0])}
+        for _ in range(refused):
+            with pytest.raises(InvalidActionError):
+                env.step(good | {"second": np.array([np.nan, 0.0])})
+        for _ in range(5):
+            env.step(good)
+        return [float(speed) for speed in env.world.egos.speed]
+
+    assert speeds(refused=10) == speeds(refused=0)
 
 
 def test_an_action_for_an_unknown_ego_is_refused(make_env: MakeEnv) -> None:
@@ -283,6 +344,20 @@ def test_two_open_environments_in_one_process_are_refused(make_env: MakeEnv) -> 
     first.close()
     second.reset()
     second.close()
+
+
+def test_a_forgotten_environment_makes_room_for_the_next() -> None:
+    for _ in range(2):
+        env = DrivingEnv(short(), sensors=("speedometer",))
+        env.reset()
+        del env
+    in_a_cycle = DrivingEnv(short(), sensors=("speedometer",))
+    in_a_cycle.myself = in_a_cycle  # only the garbage collection finds it
+    in_a_cycle.reset()
+    del in_a_cycle
+    last = DrivingEnv(short(), sensors=("speedometer",))
+    last.reset()
+    last.close()
 
 
 def test_spaces_are_known_before_the_first_episode(make_env: MakeEnv) -> None:
