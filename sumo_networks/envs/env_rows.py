@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -156,13 +156,27 @@ def row_seeds(seed: Any, count: int) -> list[int | None]:
     """One seed per row: as given, or s, s + 1, ... for a single s.
 
     Raises:
-        InvalidInputError: There are more or fewer than `count`.
+        InvalidInputError: There are more or fewer than `count`, or one is no seed.
     """
-    if seed is None or isinstance(seed, int | np.integer):
-        return [None if seed is None else int(seed) + row for row in range(count)]
+    if seed is None:
+        return [None] * count
+    if not isinstance(seed, Sequence | np.ndarray):
+        first = checked_seed(seed)
+        return [first + row for row in range(count)]
     if len(seed) != count:
         raise InvalidInputError(f"expected {count} seeds, got {len(seed)}")
-    return [None if one is None else int(one) for one in seed]
+    return [None if one is None else checked_seed(one) for one in seed]
+
+
+def checked_seed(seed: object) -> int:
+    """A seed as int.
+
+    Raises:
+        InvalidInputError: It is no whole number of at least 0.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInputError(f"expected a seed, a whole number of at least 0, got {seed!r}")
+    return int(seed)
 
 
 def row_mask(rows: ArrayLike, count: int) -> BoolArray:
@@ -171,7 +185,10 @@ def row_mask(rows: ArrayLike, count: int) -> BoolArray:
     Raises:
         InvalidInputError: It has another shape.
     """
-    mask = np.asarray(rows, dtype=np.bool_)
+    try:
+        mask = np.asarray(rows, dtype=np.bool_)
+    except ValueError as error:  # lists of different lengths
+        raise InvalidInputError(f"expected a mask of shape {(count,)}, got {rows!r}"[:200]) from error
     if mask.shape != (count,):
         raise InvalidInputError(f"expected a mask of shape {(count,)}, got {mask.shape}")
     return mask

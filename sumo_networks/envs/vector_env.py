@@ -12,8 +12,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.envs.driving_env import DEFAULT_SENSORS, RENDERING, SensorNames
-from dohyo.sumo_networks.envs.env_rows import Observations, checked_actions
+from dohyo.sumo_networks.envs.env_rows import Observations, checked_actions, checked_seed, row_mask, row_seeds
+from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, RENDERING, SensorNames
 from dohyo.sumo_networks.envs.scenario_env import ScenarioSource, scenario_rows
 from dohyo.sumo_networks.envs.worker_process import WorkerDeathError
 from dohyo.sumo_networks.errors import SimulationError
@@ -38,9 +38,9 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         single_observation_space: One Box per sensor; (E, ...) where E > 1.
         single_action_space: Space of the control interface; (E, ...) where E > 1.
         autoreset_mode: SAME_STEP: the step that ends an episode returns the first observation of the next episode, and
-            the last observation of the ended one in `infos["final_obs"][w]`. NEXT_STEP: the step after the end ignores
-            the action and returns the first observation of the next episode. DISABLED: the caller resets, with
-            `options={"reset_mask": ...}`.
+            the last observation of the ended one in `infos["final_obs"][w]`, with its last infos in
+            `infos["final_info"]`. NEXT_STEP: the step after the end ignores the action and returns the first
+            observation of the next episode. DISABLED: the caller resets, with `options={"reset_mask": ...}`.
 
     Source: gymnasium's VectorEnv interface.
     """
@@ -92,31 +92,32 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         return self._rows.pids
 
     def reset(
-        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
         """Starts the next episode of every environment.
 
         Args:
             seed: Seed of a new run, which starts at episode 0. By default the run continues; the first run has seed 0.
                 With one seed per environment, environment w drives scenario `seed[w]` with seed `seed[w]`, and the run
-                stays where it is.
+                stays where it is; None there: a random one.
             options: "reset_mask": (N,) bool, environments to reset; the observations of the others do not change.
 
         Returns:
             Observations, and infos as from `step`.
 
         Raises:
-            InvalidInputError: A scenario is impossible.
+            InvalidInputError: A seed is negative or no whole number, seeds or mask have a wrong length (nothing has
+                changed then), or a scenario is impossible.
             SimulationError: SUMO failed, a worker has died, or the environment is closed.
         """
-        mask = np.ones(self.num_envs, np.bool_)
-        if options and options.get("reset_mask") is not None:
-            mask = np.asarray(options["reset_mask"], dtype=np.bool_).reshape(self.num_envs)
+        chosen = (options or {}).get("reset_mask")
+        mask = np.ones(self.num_envs, np.bool_) if chosen is None else row_mask(chosen, self.num_envs)
         if isinstance(seed, Sequence | np.ndarray):
+            seeds = row_seeds(seed, self.num_envs)
             self._shown = np.where(mask, -1, self._shown)
-            return self._reset(mask, seed, {}), self._infos(self._rows.running.copy())
+            return self._reset(mask, seeds, {}), self._infos(self._rows.running.copy())
         if seed is not None:
-            self._seed, self._episode = seed, np.arange(self.num_envs) - self.num_envs
+            self._seed, self._episode = checked_seed(seed), np.arange(self.num_envs) - self.num_envs
         return self._begin_next(mask), self._infos(self._rows.running.copy())
 
     def step(self, actions: ArrayLike) -> Step:
@@ -130,9 +131,11 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             rewards: (N,) or (N, E), float64.
             terminations: (N,) or (N, E), whether an ego's episode ended in this tick, at its goal or by its reward.
             truncations: (N,) or (N, E), whether an ego's episode ended at the time limit.
-            infos: "active": whether the ego drove in this tick; "episode": (N,) number of the observations' episode, -1
-            if its seed was given; and, if an episode ended and the next began, "final_obs", in the form of the
-            observations but valid only where "_final_obs" (N,) is True.
+            infos: "active": whether the ego drove in this tick; "episode_number": (N,) number of the observations'
+            episode, -1 if its seed was given; where episodes of egos ended also "success", (N,) or (N, E), whether the
+            ego reached its goal, valid where "_success" is True; and, if an episode ended and the next began,
+            "final_obs" and "final_info": its last observations and infos, valid where "_final_obs" and "_final_info"
+            (N,) are True.
 
         Raises:
             InvalidActionError: The actions have a wrong shape or are not finite; the simulations are then unchanged.
@@ -143,15 +146,15 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         idle = self._ended()
         observations, rewards, terminations, truncations, infos = self._rows.step(self._by_row(actions))
         self._check_failures()
-        seen, active, result = self._by_env(observations), infos["active"], {}
+        seen, active, result = self._by_env(observations), infos["active"], self._success(infos)
         ended = self._ended()
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and any(idle):
             mask = np.array(idle)
             seen, active = self._begin_next(mask), active | np.repeat(mask, self.num_egos)
         elif self.autoreset_mode is AutoresetMode.SAME_STEP and any(ended):
             mask = np.array(ended)
-            finals, seen = seen, self._begin_next(mask)
-            result = {"final_obs": _of_some(finals, mask), "_final_obs": mask}
+            last = {"final_obs": _of_some(seen, mask), "final_info": {**self._infos(active), **result}}
+            seen, result = self._begin_next(mask), {**result, **last, "_final_obs": mask, "_final_info": mask}
         ends = self._squeezed(terminations), self._squeezed(truncations)
         return seen, self._squeezed(rewards), *ends, {**self._infos(active), **result}
 
@@ -199,7 +202,14 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         return [not any(egos) for egos in running.tolist()]
 
     def _infos(self, active: BoolArray) -> dict[str, Any]:
-        return {"active": self._squeezed(active), "episode": self._shown.copy()}
+        return {"active": self._squeezed(active), "episode_number": self._shown.copy()}
+
+    def _success(self, infos: dict[str, Any]) -> dict[str, Any]:
+        """Success of the egos whose episodes ended in this tick, in the form of infos."""
+        if "success" not in infos:
+            return {}
+        ended = infos["_success"]
+        return {"success": self._squeezed(infos["success"] & ended), "_success": self._squeezed(ended)}
 
     def _by_row(self, actions: ArrayLike) -> ArrayLike:
         """Actions of all egos, one after the other."""

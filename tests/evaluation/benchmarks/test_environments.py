@@ -74,7 +74,7 @@ def test_gymnasium_makes_two_at_once_for_its_wrappers() -> None:
         observations, _, _, truncations, infos = flat.step(np.zeros((2, 2), np.float32))
         ends.append(truncations.tolist())
     assert ends == [[False] * 2] * 4 + [[True] * 2] + [[False] * 2] * 2
-    assert infos["episode"].tolist() == [2, 3]
+    assert infos["episode_number"].tolist() == [2, 3]
     flat.close()
 
 
@@ -109,9 +109,9 @@ def test_every_episode_has_an_end() -> None:
     assert all((scenario.time_limit_s or 0.0) > 300.0 for scenario in single_scenarios("quickstart"))
 
 
-@pytest.mark.parametrize("limit_s", [-1.0, 0.0, math.nan, math.inf])
-def test_a_time_limit_that_cannot_pass_is_refused(limit_s: float) -> None:
-    says = f"expected a finite time_limit_s above 0, in seconds, got {limit_s}"
+@pytest.mark.parametrize("limit_s", [-1.0, 0.0, math.nan, math.inf, "60", True])
+def test_a_time_limit_that_cannot_pass_is_refused(limit_s: Any) -> None:
+    says = f"expected a finite time_limit_s above 0, in seconds, got {limit_s!r}"
     with pytest.raises(InvalidInputError, match=says):
         gymnasium.make("dohyo/Quickstart-v0", time_limit_s=limit_s)
     with pytest.raises(InvalidInputError, match=says):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
@@ -108,7 +109,7 @@ def test_each_environment_gives_what_it_would_give_alone(envs: int, source: Any)
         for action, (observations, rewards, terminations, truncations, infos) in zip(plan, steps, strict=True):
             reward, terminated, truncated, final = alone.step(action[w])
             assert (rewards[w], terminations[w], truncations[w]) == (reward, terminated, truncated)
-            assert infos["episode"][w] == alone.episode
+            assert infos["episode_number"][w] == alone.episode
             assert (final is not None) == bool(infos.get("_final_obs", np.zeros(envs))[w])
             for sensor, value in alone.observation.items():
                 np.testing.assert_array_equal(observations[sensor][w], value)
@@ -132,7 +133,7 @@ def drive(env: VectorDrivingEnv, seed: int | None, steps: int = 15) -> list[np.n
     seen = list(observations.values())
     for action in actions(env, steps):
         observations, *rest, infos = env.step(action)
-        seen += [*observations.values(), *rest, infos["episode"]]
+        seen += [*observations.values(), *rest, infos["episode_number"]]
     return seen
 
 
@@ -178,12 +179,15 @@ def test_a_bad_action_moves_nothing(pair: VectorDrivingEnv, action: Any, says: s
     assert all(np.array_equal(observations[name], expected[name]) for name in expected)
 
 
-def test_an_ego_whose_episode_has_ended_is_masked_until_all_have() -> None:
-    # The first stands 2 m before its goal; the second is later than its limit of 2 s first.
+def near_and_far() -> Scenario:
+    """The first ego stands 2 m before its goal; the second is later than its limit of 2 s first."""
     near, far = scenario(30.0, goal_m=-1.0).missions[0], scenario(5.0, 5.0).missions[1]
     near = near.model_copy(update={"goal": Place(lane="737320747#3_2", position_m=33.0)})
-    both = SCENARIOS[0].model_copy(update={"missions": (near, far), "time_limit_s": 2.0})
-    env = VectorDrivingEnv([both], 1, reward="progress")
+    return SCENARIOS[0].model_copy(update={"missions": (near, far), "time_limit_s": 2.0})
+
+
+def test_an_ego_whose_episode_has_ended_is_masked_until_all_have() -> None:
+    env = VectorDrivingEnv([near_and_far()], 1, reward="progress")
     assert env.action_space.shape == (1, 2, 2)
     observations, infos = env.reset(seed=0)
     assert observations["route"].shape == (1, 2, 80, 7)
@@ -202,7 +206,7 @@ def test_an_ego_whose_episode_has_ended_is_masked_until_all_have() -> None:
     assert all(step == ([False, False], [False, False], [False, True]) for step in history[arrival + 1 : -1])
     assert history[-1] == ([False, False], [False, True], [False, True])
     assert infos["_final_obs"].tolist() == [True]
-    assert infos["episode"].tolist() == [1]
+    assert infos["episode_number"].tolist() == [1]
 
 
 def test_the_next_step_may_start_the_next_episode() -> None:
@@ -220,9 +224,81 @@ def test_the_next_step_may_start_the_next_episode() -> None:
     np.testing.assert_equal({name: array[0] for name, array in last.items()}, infos["final_obs"][0])
     begun, nothing, terminated, truncated, infos = following.step(go)
     np.testing.assert_equal(begun, fresh)
-    assert (nothing[0], terminated[0], truncated[0], infos["episode"][0]) == (0.0, False, False, 1)
+    assert (nothing[0], terminated[0], truncated[0], infos["episode_number"][0]) == (0.0, False, False, 1)
     same.close()
     following.close()
+
+
+def near_or_far(episode: int) -> Scenario:
+    """With one ego: the even episodes reach their goal, the odd ones their limit of 2 s."""
+    both = near_and_far()
+    return both.model_copy(update={"missions": both.missions[episode % 2 :][:1]})
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_the_end_of_an_episode_says_whether_it_succeeded(mode: AutoresetMode) -> None:
+    env = VectorDrivingEnv(near_or_far, 2, sensors=("speedometer",), reward=None, autoreset_mode=mode)
+    env.reset(seed=0)
+    found: dict[int, list[bool]] = {0: [], 1: []}
+    for _ in range(21):
+        *_, terminations, truncations, infos = env.step(np.full((2, 2), [3.0, 0.0], np.float32))
+        ended = terminations | truncations
+        assert infos.get("_success", np.zeros(2, np.bool_)).tolist() == ended.tolist()
+        for w in np.flatnonzero(ended):
+            found[w].append(bool(infos["success"][w]))
+        if mode is AutoresetMode.SAME_STEP and ended.any():
+            final = infos["final_info"]
+            assert infos["_final_info"].tolist() == final["_success"].tolist() == ended.tolist()
+            assert final["success"].tolist() == infos["success"].tolist()
+            assert (infos["episode_number"] - final["episode_number"]).tolist() == (2 * ended).tolist()
+    env.close()
+    assert found[0][0] is True
+    assert found[1] == [False]
+
+
+def test_every_ego_has_its_own_success() -> None:
+    env = VectorDrivingEnv([near_and_far()], 1, sensors=("speedometer",), reward=None)
+    env.reset(seed=0)
+    ends = []
+    for _ in range(21):
+        infos = env.step(np.full((1, 2, 2), [3.0, 0.0], np.float32))[4]
+        if "success" in infos:
+            ends.append((infos["success"].tolist(), infos["_success"].tolist(), "final_info" in infos))
+    env.close()
+    assert ends == [([[True, False]], [[True, False]], False), ([[False, False]], [[False, True]], True)]
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_gymnasiums_statistics_of_episodes_are_of_ours(mode: AutoresetMode) -> None:
+    made = VectorDrivingEnv((scenario(5.0, limit_s=0.25),), 2, sensors=("speedometer",), autoreset_mode=mode)
+    env = RecordEpisodeStatistics(made)
+    env.reset(seed=0)
+    for _ in range(3):
+        *_, infos = env.step(np.zeros((2, 2), np.float32))
+    env.close()
+    assert infos["episode"]["l"].tolist() == [3, 3]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"seed": -3}, "a whole number of at least 0, got -3"),
+        ({"seed": 1.5}, "a whole number of at least 0, got 1.5"),
+        ({"seed": [-3, 1]}, "a whole number of at least 0, got -3"),
+        ({"seed": [1, "2"]}, "a whole number of at least 0, got '2'"),
+        ({"seed": [1]}, "expected 2 seeds, got 1"),
+        ({"options": {"reset_mask": np.array([True])}}, r"a mask of shape \(2,\), got \(1,\)"),
+        ({"options": {"reset_mask": [[True], [True, False]]}}, r"a mask of shape \(2,\), got \[\[True\]"),
+        ({"seed": 9, "options": {"reset_mask": np.array([True])}}, "a mask of shape"),
+    ],
+)
+def test_a_reset_that_is_refused_changes_nothing(pair: VectorDrivingEnv, options: dict[str, Any], says: str) -> None:
+    pair.reset(seed=4)
+    expected = pair.reset()
+    pair.reset(seed=4)
+    with pytest.raises(InvalidInputError, match=says):
+        pair.reset(**options)
+    np.testing.assert_equal(pair.reset(), expected)
 
 
 def test_frames_come_from_every_environment() -> None:
@@ -250,7 +326,7 @@ def test_without_autoreset_the_caller_says_who_is_reset() -> None:
     assert idle[4]["active"].tolist() == [False, True]
     before = idle[0]
     after, infos = env.reset(options={"reset_mask": np.array([True, False])})
-    assert infos["episode"].tolist() == [2, 1]
+    assert infos["episode_number"].tolist() == [2, 1]
     assert after["speedometer"][0, 0] == 0.0
     assert np.array_equal(before["objects"][1], after["objects"][1])
     env.close()
@@ -265,8 +341,8 @@ def test_an_environment_alone_is_reset_to_a_given_seed(make_env: Any) -> None:
     stepped = env.step(go)[0]
     next_of_run = env.reset()[1]
     env.close()
-    assert infos["episode"].tolist() == [-1, -1]
-    assert next_of_run["episode"].tolist() == [0, 1]
+    assert infos["episode_number"].tolist() == [-1, -1]
+    assert next_of_run["episode_number"].tolist() == [0, 1]
     for name, array in before.items():
         np.testing.assert_array_equal(after[name][1], array[1])
     alone: DrivingEnv = make_env(SCENARIOS[8 % 3])
@@ -278,10 +354,7 @@ def test_an_environment_alone_is_reset_to_a_given_seed(make_env: Any) -> None:
 
 
 def test_egos_are_rows_that_learners_take() -> None:
-    near, far = scenario(30.0, goal_m=-1.0).missions[0], scenario(5.0, 5.0).missions[1]
-    near = near.model_copy(update={"goal": Place(lane="737320747#3_2", position_m=33.0)})
-    both = SCENARIOS[0].model_copy(update={"missions": (near, far), "time_limit_s": 2.0})
-    rows = scenario_rows([both], 1, reward="progress")
+    rows = scenario_rows([near_and_far()], 1, reward="progress")
     assert (rows.num_envs, rows.group_size) == (2, 2)
     first, _ = rows.reset(seed=[3, None])
     assert first["route"].shape == (2, 80, 7)
@@ -319,7 +392,11 @@ def test_an_error_in_a_worker_arrives_as_itself() -> None:
         ({"scenarios": (), "num_envs": 1}, "no scenario"),
         ({"scenarios": (scenario(5.0), scenario(5.0, 9.0)), "num_envs": 1}, "the same number of egos"),
         ({"scenarios": SCENARIOS, "num_envs": 0}, "at least one"),
+        ({"scenarios": SCENARIOS, "num_envs": "2"}, "a whole number, got num_envs='2'"),
+        ({"scenarios": SCENARIOS, "num_envs": 1.5}, "a whole number, got num_envs=1.5"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "sensors": ["rader"]}, "rader"),
+        ({"scenarios": SCENARIOS, "num_envs": 1, "sensors": "radar"}, "expected a list of .*, got 'radar'"),
+        ({"scenarios": SCENARIOS, "num_envs": 1, "sensors": {"ego-0": ["radar"]}}, "expected a list of"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "control": "reins"}, "reins"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "reward": "gold"}, "gold"),
         ({"scenarios": SCENARIOS, "num_envs": 1, "render_mode": "human"}, "rgb_array"),
