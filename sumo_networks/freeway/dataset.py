@@ -187,7 +187,7 @@ def make_day(order: DatasetRequest, folder: Path, split: Split, number: int) -> 
 
 
 def _make(day: DayOrder, folder: Path, progress: Callable[[float], None] = lambda _share: None) -> None:
-    _write(day_table(drive_day(day.scenario, day.scale, progress), day.noise), folder / day.file)
+    _write(day_table(drive_day(day.scenario, day.scale, progress, drawn=True), day.noise), folder / day.file)
 
 
 def day_table(day: SpeedDay, noise: np.random.SeedSequence) -> pl.DataFrame:

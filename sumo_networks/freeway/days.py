@@ -20,7 +20,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.freeway.apart import Progress, drive_apart
-from dohyo.sumo_networks.freeway.demand import draw_demand, write_routes
+from dohyo.sumo_networks.freeway.demand import check_incidents, draw_demand, write_routes
 from dohyo.sumo_networks.freeway.drivers import KINDS, PROBE
 from dohyo.sumo_networks.freeway.measure import MINUTE_S
 from dohyo.sumo_networks.freeway.process import MESO, MICRO, start_sumo
@@ -66,17 +66,23 @@ class SpeedDay:
     probes: Measured
 
 
-def drive_day(scenario: FreewayScenario, scale: Scale, progress: Progress = lambda _share: None) -> SpeedDay:
+def drive_day(
+    scenario: FreewayScenario, scale: Scale, progress: Progress = lambda _share: None, *, drawn: bool = False
+) -> SpeedDay:
     """Simulates a scenario and measures it.
 
     Args:
         scenario: Scenario to simulate.
         scale: `meso` for queues, in a process of its own; `micro` for single vehicles, in this one.
         progress: Function that receives the share done, 0 to 1.
+        drawn: Whether the day was drawn: incidents too soon after the beginning of the warm-up are then left out.
 
     Raises:
+        InvalidInputError: An incident lies off the road, or too soon after the beginning of the warm-up (`micro`).
         SimulationError: SUMO failed, or another simulation of this process is open (`micro`).
     """
+    if scale == "micro" and not drawn:
+        check_incidents(load_freeway(scenario.network), scenario)
     drive = partial(_drive_and_measure, scenario, scale)
     return drive(progress) if scale == "micro" else drive_apart(drive, progress)
 

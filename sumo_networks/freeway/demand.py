@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -126,6 +127,9 @@ def write_routes(
 ) -> None:
     """Writes SUMO's route file: types, routes, and one vehicle `v0`, `v1`, ... per row of the demand.
 
+    An incident has a car `wreck0`, `wreck1`, ... that breaks down. It is left out where the car would have to depart
+    before the simulation begins; `check_incidents` refuses this for incidents of the simulated time.
+
     Raises:
         InvalidInputError: An incident lies beyond the segments, or on a lane that does not exist.
     """
@@ -163,13 +167,40 @@ class _Wreck:
     @classmethod
     def of(cls, road: FreewayRoad, number: int, incident: Incident, begin_s: float) -> _Wreck | None:
         lane, along = lane_at(road, incident)
-        departs = incident.time_s - (incident.position_m - road.start_m) / APPROACH_MPS
+        departs = incident.time_s - _approach_s(road, incident)
         if departs < begin_s:
             return None
         way = " ".join(road.way(0, 0))
         stop = f'<stop lane="{lane}" endPos="{along:.1f}" duration="{incident.duration_s:.0f}"/>'
         head = f'<vehicle id="wreck{number}" type="{CAR}" depart="{departs:.2f}" departLane="best" departSpeed="last">'
         return cls(departs, f'{head}<route edges="{way}"/>{stop}</vehicle>\n')
+
+
+def _approach_s(road: FreewayRoad, incident: Incident) -> float:
+    """Time from a car's departure to its breakdown, s."""
+    return (incident.position_m - road.start_m) / APPROACH_MPS
+
+
+def check_incidents(road: FreewayRoad, scenario: FreewayScenario) -> None:
+    """Checks that every incident after the beginning of the simulation happens: its car must reach the place in time.
+
+    Raises:
+        InvalidInputError: An incident lies beyond the segments, on a lane that does not exist, or too soon after the
+            beginning; the message then says which warm-up is needed.
+    """
+    begin = max(scenario.start_s - scenario.warm_up_s, 0.0)
+    for incident in scenario.day.incidents:
+        lane_at(road, incident)
+        approach = _approach_s(road, incident)
+        departs = incident.time_s - approach
+        if not departs < begin <= incident.time_s:
+            continue
+        expected = f"a warm-up of at least {math.ceil(scenario.start_s - departs)} s, got {scenario.warm_up_s:g} s"
+        if departs < 0:
+            expected = f"a time of at least {math.ceil(approach)} s since midnight, got {incident.time_s:g} s"
+        raise InvalidInputError(
+            f"incident at {incident.position_m:g} m: its car needs {approach:.0f} s to its place; expected {expected}"
+        )
 
 
 def lane_at(road: FreewayRoad, incident: Incident) -> tuple[str, float]:

@@ -41,7 +41,7 @@ class Day(Config):
         peak_width: Factor on the duration of the peak.
         trucks: Share of trucks among the vehicles.
         tau_factor: Factor on every driver's time gap: above 1 on a wet or dark morning.
-        incidents: Breakdowns of the day.
+        incidents: Breakdowns of the day; those before the beginning of a simulation are not in it.
     """
 
     weekday: Annotated[int, Field(ge=0, le=6)] = 1

@@ -18,7 +18,7 @@ import libsumo
 import numpy as np
 
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
-from dohyo.sumo_networks.freeway.demand import draw_demand, write_routes
+from dohyo.sumo_networks.freeway.demand import check_incidents, draw_demand, write_routes
 from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS, PROBE
 from dohyo.sumo_networks.freeway.process import MICRO, TICK_S, start_sumo
 from dohyo.sumo_networks.freeway.road import FreewayRoad, MainlineLane, load_freeway
@@ -65,10 +65,11 @@ class FreewaySimulation:
         """Starts SUMO, simulates the warm-up, and reads the world at the scenario's start.
 
         Raises:
-            InvalidInputError: An incident of the day lies off the road.
+            InvalidInputError: An incident of the day lies off the road, or too soon after the beginning of the warm-up.
             SimulationError: SUMO failed, or another simulation of this process is open.
         """
         self.close()
+        check_incidents(self.road, self.scenario)
         seed = np.random.SeedSequence(self.scenario.seed).spawn(6)[5]
         begin = max(self.scenario.start_s - self.scenario.warm_up_s, 0.0)
         with tempfile.TemporaryDirectory(prefix="dohyo-freeway-") as folder:

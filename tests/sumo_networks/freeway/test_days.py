@@ -89,6 +89,15 @@ def test_of_two_incidents_on_an_edge_in_meso_each_slows_it_while_it_lasts(swappe
 MINUTE = MORNING.model_copy(update={"duration_s": 60.0, "warm_up_s": 0.0})
 
 
+def test_an_incident_too_soon_is_refused_in_micro_and_left_out_of_a_drawn_morning() -> None:
+    incident = Incident(time_s=MINUTE.start_s + 10.0, duration_s=60, position_m=9000.0, lane=0)
+    soon = MINUTE.model_copy(update={"day": Day(incidents=(incident,))})
+    with pytest.raises(InvalidInputError, match="a warm-up of at least"):
+        drive_day(soon, "micro")
+    drawn, without = drive_day(soon, "micro", drawn=True), drive_day(MINUTE, "micro")
+    assert np.array_equal(drawn.truth.speed_mps, without.truth.speed_mps, equal_nan=True)
+
+
 def test_a_process_drives_one_simulation_of_single_vehicles_at_a_time() -> None:
     libsumo.start(["sumo", "-n", str(dataset.load_freeway().network.path), "--no-step-log", "true"])
     with pytest.raises(SimulationError, match="another simulation of this process is still open"):
@@ -131,7 +140,8 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[FreewayScenario]:
     """The scenarios that were driven, in order."""
     scenarios: list[FreewayScenario] = []
 
-    def drive(scenario: FreewayScenario, scale: Scale, progress: Callable[[float], None]) -> SpeedDay:
+    def drive(scenario: FreewayScenario, scale: Scale, progress: Callable[[float], None], *, drawn: bool) -> SpeedDay:
+        assert drawn
         scenarios.append(scenario)
         progress(1.0)
         minutes = round(scenario.duration_s / 60)
@@ -176,7 +186,7 @@ def test_what_is_there_is_kept_and_more_days_change_no_day(tmp_path: Path, drive
 
 
 def test_a_day_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> SpeedDay:
+    def fail(*_: object, **__: object) -> SpeedDay:
         raise SimulationError("SUMO failed")
 
     monkeypatch.setattr(dataset, "drive_day", fail)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.freeway.demand import draw_demand, lane_at, share_of_peak, write_routes
+from dohyo.sumo_networks.freeway.demand import check_incidents, draw_demand, lane_at, share_of_peak, write_routes
 from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS, TRUCK
 from dohyo.sumo_networks.freeway.road import load_freeway
 from dohyo.sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, Incident, draw_day
@@ -116,6 +117,39 @@ def test_an_incident_beside_the_road_is_refused(tmp_path: Path, position_m: floa
     scenario = FreewayScenario(duration_s=900, day=Day(incidents=(incident,)))
     with pytest.raises(InvalidInputError, match=message):
         write_routes(ROAD, scenario, draw_demand(ROAD, scenario), tmp_path / "routes.xml")
+
+
+def with_incident(after_start_s: float, warm_up_s: float, start_s: float = 6 * 3600.0) -> FreewayScenario:
+    incident = Incident(time_s=start_s + after_start_s, duration_s=900, position_m=9000.0, lane=0)
+    return FreewayScenario(start_s=start_s, duration_s=900, warm_up_s=warm_up_s, day=Day(incidents=(incident,)))
+
+
+@pytest.mark.parametrize("after_start_s", [-60.0, 30.0, 300.0])
+def test_an_incident_that_no_car_reaches_in_time_is_refused_with_the_warm_up_it_needs(
+    after_start_s: float, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInputError, match=r"^incident at 9000 m: .* warm-up of at least .* got 60 s$") as said:
+        check_incidents(ROAD, with_incident(after_start_s, 60.0))
+    needed = float(re.findall(r"at least (\d+) s", str(said.value))[0])
+    assert needed > 60.0
+    enough = with_incident(after_start_s, needed)
+    check_incidents(ROAD, enough)
+    write_routes(ROAD, enough, draw_demand(ROAD, enough), tmp_path / "routes.xml")
+    assert "wreck0" in (tmp_path / "routes.xml").read_text()
+    with pytest.raises(InvalidInputError, match="a warm-up of at least"):
+        check_incidents(ROAD, with_incident(after_start_s, needed - 1.0))
+
+
+def test_an_incident_just_after_midnight_is_refused_whatever_the_warm_up() -> None:
+    with pytest.raises(InvalidInputError, match=r"expected a time of at least 3\d\d s since midnight, got 30 s"):
+        check_incidents(ROAD, with_incident(30.0, 600.0, start_s=0.0))
+
+
+def test_an_incident_before_the_warm_up_is_left_out(tmp_path: Path) -> None:
+    before = with_incident(-100.0, 60.0)
+    check_incidents(ROAD, before)
+    write_routes(ROAD, before, draw_demand(ROAD, before), tmp_path / "routes.xml")
+    assert "wreck" not in (tmp_path / "routes.xml").read_text()
 
 
 def test_a_scenario_ends_before_midnight() -> None:

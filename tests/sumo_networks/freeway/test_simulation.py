@@ -237,3 +237,10 @@ def test_an_incident_beside_the_road_is_refused_before_sumo_starts() -> None:
     with pytest.raises(InvalidInputError, match="incident at 99999 m"):
         FreewaySimulation(QUIET.model_copy(update={"day": Day(incidents=(incident,))})).start()
     assert not libsumo.isLoaded()
+
+
+def test_an_incident_that_would_be_left_out_is_refused_before_sumo_starts() -> None:
+    incident = Incident(time_s=QUIET.start_s + 30, duration_s=600, position_m=9000.0, lane=0)
+    with pytest.raises(InvalidInputError, match=r"a warm-up of at least .* s, got 90 s"):
+        FreewaySimulation(QUIET.model_copy(update={"day": Day(incidents=(incident,))})).start()
+    assert not libsumo.isLoaded()
