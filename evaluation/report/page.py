@@ -15,32 +15,20 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
+from dohyo.evaluation.report.contenders import Contender, Evaluation, make_contenders, make_pair
+from dohyo.evaluation.report.recorded_versions import dohyo_versions, mixed_versions, sumo_versions
 from dohyo.evaluation.report.road_map import LaneShape, Spot, drivable_lanes, lay_out_map
-from dohyo.evaluation.report.rows import (
-    Contender,
-    Drive,
-    Evaluation,
-    make_contenders,
-    make_drives,
-    make_pair,
-    worst_first,
-)
+from dohyo.evaluation.report.rows import Drive, make_drives, worst_first
 from dohyo.evaluation.report.style import MISSING, number
 from dohyo.evaluation.report.tables import csv_tables
 from dohyo.evaluation.scores.driving import IrsLength, Rules
-from dohyo.evaluation.scores.nuplan.summary import (
-    ClosedLoopSummary,
-    applies,
-    by_type,
-    lost_drives,
-    score_records,
-    summarise_closed_loop,
-)
+from dohyo.evaluation.scores.nuplan.summary import ClosedLoopSummary, by_type, lost_drives
 from dohyo.evaluation.statistics import Estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -53,7 +41,7 @@ class Column:
     """A score as a column of the comparison.
 
     Attributes:
-        key: Name in `Summary.scores`.
+        key: Name in `Contender.scores`.
         title: Name for people.
         unit: Unit of the values.
         top: Upper end of the axis of all cells; the lower end is 0.
@@ -73,6 +61,9 @@ COLUMNS = (
     Column("success", "success", "%", 100.0),
     Column("nocrash_success", "success without crash", "%", 100.0),
 )
+CLOSED_LOOP: Final = Column("closed_loop", "closed-loop score", "%", 100.0)
+DROVE_2500M: Final = Column("drove_2500m", "2500 m without crash", "%", 100.0)
+"""A column only where it is the headline: most routes are shorter."""
 
 
 TypeRow = tuple[str, ClosedLoopSummary]
@@ -115,18 +106,20 @@ def write_report(
             summarised together, or the file cannot be written.
     """
     _check(evaluations)
-    contenders = make_contenders(evaluations, rules, irs_length)
+    contenders = sorted(make_contenders(evaluations, rules, irs_length), key=lambda one: one.place)
     drives = sorted(make_drives(contenders, path, rules), key=worst_first)
     counted = [drive for drive in drives if not drive.record.lost]
     pairs = [make_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
     networks = sorted({drive.record.scenario.network for drive in drives})
     page = {
         "evaluation": evaluations[0],
+        "headline": _in_a_sentence(evaluations[0].headline),
         "partly": any(one.part for one in evaluations),
+        "mixed_versions": mixed_versions([one.evaluation for one in contenders]),
         "facts": _facts([one.evaluation for one in contenders], rules, irs_length),
         "contenders": contenders,
         "closed_loop": _closed_loop(contenders),
-        "columns": COLUMNS,
+        "columns": _columns(contenders),
         "kinds": [kind for kind in InfractionKind if any(one.summary.per_km[kind].mean for one in contenders)],
         "per_km_top": _per_km_top(contenders),
         "pairs": pairs,
@@ -140,17 +133,29 @@ def write_report(
     return path
 
 
+def _in_a_sentence(headline: Headline) -> str:
+    """The headline after "has", such as "a driving score" or "an infraction rate score"."""
+    name = f"{headline.label.removesuffix(' score')} score"
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
+
+
+def _columns(contenders: Sequence[Contender]) -> list[Column]:
+    """Scores that all agents have, the benchmark's headline first."""
+    headline = contenders[0].evaluation.headline
+    shown = [*COLUMNS]
+    if all(one.closed_loop for one in contenders):
+        shown.append(CLOSED_LOOP)
+    if headline is Headline.DROVE_2500M:
+        shown.append(DROVE_2500M)
+    return sorted(shown, key=lambda column: column.key != headline)
+
+
 def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, ClosedLoopSummary, list[TypeRow]]]:
     """Closed-loop summary of each agent, over all drives and by type; empty if the records have no reference."""
-    found = []
-    for one in contenders:
-        records = one.evaluation.records
-        if not all(map(applies, records)):
-            return []
-        drives = score_records(zip(records, one.evaluation.record_paths, strict=True))
-        summary = summarise_closed_loop(drives, lost_drives(records))
-        found.append((one, summary, list(by_type(drives).items())))
-    return found
+    found = [(one, one.closed_loop) for one in contenders if one.closed_loop]
+    if len(found) < len(contenders):
+        return []
+    return [(one, scored.summary, list(by_type(scored.drives).items())) for one, scored in found]
 
 
 def _check(evaluations: Sequence[Evaluation]) -> None:
@@ -183,6 +188,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         number=number,
+        or_blank=lambda value: "" if value is None else value,
         share=lambda value, top: f"{100 * min(1.0, max(0.0, value / top)):.2f}%",
         reach=_reach,
         ending=look.ending,
@@ -221,18 +227,10 @@ def _facts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLengt
         ("seeds", str(len(seeds)), ", ".join(map(str, seeds))),
         ("episodes", str(len(records)), per_agent),
         ("lost", str(lost_drives(records)), "Drives lost to gridlocks and infrastructure faults"),
-        ("network", _listed(record.scenario.network for record in records), "Networks of the episodes"),
-        (
-            "SUMO",
-            _listed(record.versions.sumo.removeprefix("SUMO ") for record in records),
-            "Version of the traffic simulation",
-        ),
-        ("dohyo", _listed(record.versions.dohyo for record in records), "Version of dohyo that drove the episodes"),
+        ("network", ", ".join(sorted({one.scenario.network for one in records})), "Networks of the episodes"),
+        ("SUMO", sumo_versions(records), "Version of the traffic simulation"),
+        ("dohyo", dohyo_versions(records), "Version of dohyo that drove the episodes"),
     ]
-
-
-def _listed(values: Iterable[str]) -> str:
-    return ", ".join(sorted(set(values)))
 
 
 def _per_km_top(contenders: Sequence[Contender]) -> float:

@@ -1,8 +1,7 @@
-"""The rows of a report: agents, drives with their scores factor by factor, and pairs of agents."""
+"""The rows of a report: drives with their scores, factor by factor."""
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,60 +10,15 @@ from urllib.parse import quote
 
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.report import figures
-from dohyo.evaluation.report import style as look
+from dohyo.evaluation.report.contenders import Contender
 from dohyo.evaluation.report.style import number
 from dohyo.evaluation.scores.driving import (
-    IrsLength,
     Rules,
     driving_score,
     infraction_penalty,
     outside_fraction,
     route_completion,
 )
-from dohyo.evaluation.statistics import Comparison, Estimate
-from dohyo.evaluation.summary import Summary, compare, summarise
-from dohyo.sumo_networks.errors import InvalidInputError
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluation:
-    """The evaluation of one agent on one benchmark.
-
-    Attributes:
-        agent: Name of the agent, unique in the report.
-        benchmark: Name of the benchmark.
-        benchmark_hash: Content hash of the benchmark.
-        records: Records of all episodes, lost ones included.
-        record_paths: Paths of the records' JSON files, in the same order.
-        metric: Computation of the headline score in words.
-        part: Part of the benchmark that was driven, such as "part of nocrash: 10 of 150 missions"; "" for all of it.
-    """
-
-    agent: str
-    benchmark: str
-    benchmark_hash: str
-    records: tuple[EpisodeRecord, ...]
-    record_paths: tuple[Path, ...]
-    metric: str = ""
-    part: str = ""
-
-    def __post_init__(self) -> None:
-        if len(self.records) != len(self.record_paths):
-            raise InvalidInputError(
-                f"expected one path per record of '{self.agent}', got {len(self.records)} records and "
-                f"{len(self.record_paths)} paths"
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class Contender:
-    """An agent in the report, with its place, colour and numbers."""
-
-    place: int
-    name: str
-    colour: str
-    evaluation: Evaluation
-    summary: Summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,28 +41,6 @@ class Drive:
     mission: str
     score: float
     why: tuple[Term, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """Two agents and their comparisons; without a common drive, only the reason."""
-
-    a: Contender
-    b: Contender
-    comparisons: dict[str, Comparison]
-    reason: str
-
-
-def make_contenders(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> list[Contender]:
-    """Agents by driving score, best first; after them, likewise, those that drove only a part of the benchmark."""
-    colours = look.agent_colours(one.agent for one in evaluations)
-    found = [(one, summarise(one.records, rules=rules, irs_length=irs_length)) for one in evaluations]
-    found.sort(key=lambda pair: (bool(pair[0].part), -_mean(pair[1].scores["driving_score"]), pair[0].agent))
-    return [Contender(place, one.agent, colours[one.agent], one, summary) for place, (one, summary) in enumerate(found)]
-
-
-def _mean(estimate: Estimate) -> float:
-    return -math.inf if estimate.mean is None else estimate.mean
 
 
 def make_drives(contenders: Sequence[Contender], path: Path, rules: Rules) -> Iterator[Drive]:
@@ -159,12 +91,3 @@ def _why(ego: EgoRecord, rules: Rules) -> Iterator[Term]:
 def _factor(value: float) -> str:
     """A number like `number`, without trailing zeros: 0.6, not 0.600."""
     return f"{value:.3g}"
-
-
-def make_pair(a: Contender, b: Contender, rules: Rules, irs_length: IrsLength) -> Pair:
-    """Compares two agents on their common drives, or gives the reason if they have none."""
-    try:
-        comparisons = compare(a.evaluation.records, b.evaluation.records, rules=rules, irs_length=irs_length)
-    except InvalidInputError as error:
-        return Pair(a, b, {}, str(error))
-    return Pair(a, b, comparisons, "")

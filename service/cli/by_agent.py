@@ -7,20 +7,25 @@ from pathlib import Path
 
 from dohyo.evaluation.records.mixed import agents_of, drives_of
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
-from dohyo.evaluation.report.rows import Evaluation
+from dohyo.evaluation.report.contenders import Evaluation
 from dohyo.evaluation.running.run import Result
 
 
 def evaluations_of(results: Sequence[Result]) -> list[Evaluation]:
     """One evaluation per result folder, and one per agent of all mixed runs together.
 
-    Mixed runs in which agents have exchanged their missions give drives that can be compared.
+    Mixed runs in which agents have exchanged their missions give drives that can be compared. Agents with equal names
+    and settings, such as one before and after a change of its code, have the names of their folders as well.
     """
     single = [result for result in results if not result.manifest.others]
     mixed = [result for result in results if result.manifest.others]
     found = [(result.manifest.agent, [result]) for result in single]
     found += [(agent, mixed) for agent in agents_of(record for result in mixed for record in result.records)]
     names = unique_names([agent for agent, _ in found])
+    names = [
+        _with_folders(name, some) if names.count(name) > 1 else name
+        for name, (_, some) in zip(names, found, strict=True)
+    ]
     return [_evaluation(name, agent, some) for name, (agent, some) in zip(names, found, strict=True)]
 
 
@@ -34,6 +39,11 @@ def unique_names(agents: Sequence[AgentInfo]) -> list[str]:
     ]
 
 
+def _with_folders(name: str, results: Sequence[Result]) -> str:
+    """Name of an agent with those of its result folders, which alone distinguish versions of its code."""
+    return f"{name} ({', '.join(result.paths[0].resolve().parents[1].name for result in results)})"
+
+
 def _evaluation(name: str, agent: AgentInfo, results: Sequence[Result]) -> Evaluation:
     manifest = results[0].manifest
     drives = list(_drives(agent, results))
@@ -43,6 +53,7 @@ def _evaluation(name: str, agent: AgentInfo, results: Sequence[Result]) -> Evalu
         benchmark_hash=manifest.benchmark_sha256,
         records=tuple(record for record, _ in drives),
         record_paths=tuple(path for _, path in drives),
+        headline=manifest.benchmark.headline,
         metric=manifest.benchmark.metric,
         part="; ".join(dict.fromkeys(result.part for result in results if result.part)),
     )

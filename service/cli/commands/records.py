@@ -20,24 +20,18 @@ from dohyo.evaluation.records.mixed import agents_of, drives_of
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import Sealed
 from dohyo.evaluation.records.store import read_record, read_trajectory, read_whole_record
+from dohyo.evaluation.report.contenders import Pair, make_contenders, make_pair
 from dohyo.evaluation.report.page import write_report
-from dohyo.evaluation.report.rows import Evaluation
+from dohyo.evaluation.report.recorded_versions import mixed_versions
 from dohyo.evaluation.report.style import probability
 from dohyo.evaluation.running.manifest import part_of_record
 from dohyo.evaluation.running.membership import benchmark_of_record, check_members
 from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
-from dohyo.evaluation.scores.nuplan.summary import (
-    applies,
-    compare_closed_loop,
-    lost_drives,
-    score_records,
-    summarise_closed_loop,
-)
+from dohyo.evaluation.scores.nuplan.summary import applies, lost_drives, score_records
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
 from dohyo.evaluation.significance import FEWEST
-from dohyo.evaluation.statistics import Comparison
-from dohyo.evaluation.summary import Summary, common_drives, compare, score_drive, summarise, summarise_cells
+from dohyo.evaluation.summary import Summary, common_drives, score_drive, summarise, summarise_cells
 from dohyo.service.cli.by_agent import evaluations_of
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
 from dohyo.service.cli.commands.parking import drive_lots_again, report_parking, verify_parking
@@ -85,47 +79,37 @@ def report(
         raise InvalidInputError(f"these folders hold {len(benchmarks)} different benchmarks; compare one at a time")
     rules = rules or results[0].manifest.benchmark.rules
     evaluations = evaluations_of(results)
-    summaries = [summarise(one.records, rules=rules, irs_length=irs_length) for one in evaluations]
-    print_comparison([replace(summary, agent=one.agent) for one, summary in zip(evaluations, summaries, strict=True)])
+    contenders = make_contenders(evaluations, rules, irs_length)
+    print_comparison([replace(one.summary, agent=one.name) for one in contenders])
     for one in evaluations:
         print_cells(summarise_cells(one.records, rules=rules, irs_length=irs_length), of=one.agent)
-    _print_verdicts(evaluations, rules, irs_length)
+    closed_loop = {one.name: one.closed_loop.summary for one in contenders if one.closed_loop}
+    if closed_loop:
+        print_closed_loop(closed_loop, "agent")
+        print_legend()
+    for a, b in combinations(contenders, 2):
+        console.print(_verdict(make_pair(a, b, rules, irs_length)), soft_wrap=True)
     print_meetings([record for result in results for record in result.records])
-    if all(result.manifest.benchmark.closed_loop for result in results):
-        _print_closed_loop(evaluations)
     for one in evaluations:
         print_part(one.part, f"{one.agent}: ")
+    if mixed := mixed_versions(evaluations):
+        console.print(f"take care: {mixed}", highlight=False, soft_wrap=True)
     path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
     console.print(f"report: {path.resolve()}")
 
 
-def _print_verdicts(evaluations: Sequence[Evaluation], rules: Rules, irs_length: IrsLength) -> None:
-    """Prints one line per pair of agents: verdict, difference on the same scenarios, and probability."""
-    for a, b in combinations(evaluations, 2):
-        if not common_drives(a.records, b.records):
-            console.print(f"{a.agent} and {b.agent} have no common drive: same scenario, seed and ego")
-            continue
-        score = compare(a.records, b.records, rules=rules, irs_length=irs_length)["driving_score"]
-        chance = "" if score.probability is None else f", {probability(score.probability, a.agent, b.agent)}"
-        console.print(f"{_verdict(a.agent, b.agent, 'driving score', score)}{chance}")
-
-
-def _verdict(a: str, b: str, score: str, found: Comparison) -> str:
-    """Comparison of two agents in words: "a > b: driving score differs by 9.10 [3.00, 15.0] on 75 common drives"."""
+def _verdict(pair: Pair) -> str:
+    """Comparison by the headline: "a > b: driving score differs by 9.10 [3.00, 15.0] on 75 common drives, P(a > b)"."""
+    a, b = pair.a, pair.b
+    if not common_drives(a.evaluation.records, b.evaluation.records):
+        return f"{a.name} and {b.name} have no common drive: same scenario, seed and ego"
+    if pair.reason:
+        return f"{a.name} and {b.name} are not compared: {pair.reason}"
+    found, score = pair.headline, a.evaluation.headline.label
     n = found.difference.n
     drives = f"{n} common drive{'s' * (n != 1)}" + (", too few drives to decide" if n < FEWEST else "")
-    return f"{a} {found.verdict} {b}: {score} differs by {interval(found.difference)} on {drives}"
-
-
-def _print_closed_loop(evaluations: Sequence[Evaluation]) -> None:
-    names = [one.agent for one in evaluations]
-    scored = [score_records(zip(one.records, one.record_paths, strict=True)) for one in evaluations]
-    lost = [lost_drives(one.records) for one in evaluations]
-    summaries = [summarise_closed_loop(*pair) for pair in zip(scored, lost, strict=True)]
-    print_closed_loop(dict(zip(names, summaries, strict=True)), "agent")
-    print_legend()
-    for (a, first), (b, second) in combinations(zip(names, scored, strict=True), 2):
-        console.print(_verdict(a, b, "closed-loop score", compare_closed_loop(first, second)))
+    chance = "" if found.probability is None else f", {probability(found.probability, a.name, b.name)}"
+    return f"{a.name} {found.verdict} {b.name}: {score} differs by {interval(found.difference)} on {drives}{chance}"
 
 
 def verify(

@@ -16,14 +16,17 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.evaluation.report import figures
+from dohyo.evaluation.report import contenders, figures
 from dohyo.evaluation.report import style as look
+from dohyo.evaluation.report.contenders import Evaluation
 from dohyo.evaluation.report.page import COLUMNS, write_report
 from dohyo.evaluation.report.road_map import LaneShape, drivable_lanes
-from dohyo.evaluation.report.rows import Evaluation
 from dohyo.evaluation.scores.driving import Rules
+from dohyo.evaluation.scores.nuplan.score import ClosedLoop
+from dohyo.evaluation.scores.nuplan.summary import ScoredDrive
 from dohyo.evaluation.statistics import Estimate
 from dohyo.evaluation.summary import compare, summarise
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -321,6 +324,89 @@ def test_what_cannot_be_reported_is_refused(two: list[Evaluation], tmp_path: Pat
         report(tmp_path, two[0], other)
     with pytest.raises(InvalidInputError, match="4 records and 0 paths"):
         Evaluation("careful", "nocrash", HASH, two[0].records, ())
+
+
+@pytest.fixture
+def slow_and_rash(tmp_path: Path) -> list[Evaluation]:
+    """Six drives of two agents: one is slow, with the higher driving score; one reaches its goals over red lights."""
+    slow = drives("slow", *[[]] * 6)
+    rash = drives("rash", *[[red(), red(), red()]] * 6, status=Status.COMPLETED, progress_m=1000.0)
+    return [evaluation(slow, tmp_path / "slow", "slow"), evaluation(rash, tmp_path / "rash", "rash")]
+
+
+def headed(evaluations: Sequence[Evaluation], headline: Headline) -> list[Evaluation]:
+    return [dataclasses.replace(one, headline=headline) for one in evaluations]
+
+
+def columns(page: Page) -> list[str]:
+    """Titles of the cells in the first row of scores."""
+    return list(dict.fromkeys(cell["data-label"] for cell in page.having("td", "estimate")))
+
+
+@pytest.mark.parametrize(
+    ("headline", "lead", "column"),
+    [
+        (Headline.DRIVING_SCORE, "slow has a driving score of 80.0", "driving score DS"),
+        (Headline.NOCRASH_SUCCESS, "rash has a NoCrash success score of 100", "success without crash"),
+        (Headline.IRS, "slow has an infraction rate score of 80.0", "infraction rate score IRS"),
+    ],
+)
+def test_the_headline_of_the_benchmark_leads(
+    headline: Headline, lead: str, column: str, slow_and_rash: list[Evaluation], tmp_path: Path
+) -> None:
+    _, page = report(tmp_path, *headed(slow_and_rash, headline))
+    assert lead in page.text
+    assert "points above" in page.text
+    first = columns(page)[0]
+    assert first == column
+    means = [float(cell["data-value"]) for cell in page.having("td", "estimate") if cell["data-label"] == first]
+    assert means[0] > means[1]
+
+
+def test_2500_m_is_a_column_where_it_is_the_headline(slow_and_rash: list[Evaluation], tmp_path: Path) -> None:
+    _, page = report(tmp_path, *headed(slow_and_rash, Headline.DROVE_2500M))
+    assert columns(page)[0] == "2500 m without crash"
+    assert "has a 2500 m score of 0" in page.text
+
+
+def test_the_closed_loop_score_leads_and_is_compared(
+    slow_and_rash: list[Evaluation], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scored(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredDrive]:
+        return [
+            ScoredDrive("scenario", record.scenario.seed, "ego", "turn", ClosedLoop(*[ego.agent.name == "rash"] * 8))
+            for record, _ in records
+            for ego in record.egos
+        ]
+
+    monkeypatch.setattr(contenders, "score_records", scored)
+    _, page = report(tmp_path, *headed(slow_and_rash, Headline.CLOSED_LOOP))
+    assert "rash has a closed-loop score of 100" in page.text
+    assert "100 points above slow" in page.text
+    assert columns(page)[0] == "closed-loop score"
+    scores, pairs, *_ = (list(csv.DictReader(io.StringIO(one["data-csv"]))) for one in page.having("button", "copy"))
+    assert {row["agent"]: float(row["mean"]) for row in scores if row["quantity"] == "closed_loop"} == {
+        "rash": 100.0,
+        "slow": 0.0,
+    }
+    assert [(row["a"], row["verdict"], row["b"]) for row in pairs if row["quantity"] == "closed_loop"] == [
+        ("rash", ">", "slow")
+    ]
+
+
+def driven_by(record: EpisodeRecord, **versions: str) -> EpisodeRecord:
+    return record.model_copy(update={"versions": record.versions.model_copy(update=versions)})
+
+
+def test_mixed_versions_are_named(two: list[Evaluation], tmp_path: Path) -> None:
+    careful, reckless = two
+    assert "different versions" not in report(tmp_path, careful, reckless)[1].text
+    new = tuple(driven_by(one, dohyo="7.0.0") for one in careful.records)
+    old = [driven_by(one, dohyo="6.5.0", sumo="SUMO 1.20.0") for one in reckless.records[:3]]
+    mixed = (*old, driven_by(reckless.records[3], dohyo="7.0.0"))
+    _, page = report(tmp_path, dataclasses.replace(careful, records=new), dataclasses.replace(reckless, records=mixed))
+    assert "different versions drove these episodes" in page.text
+    assert "careful: dohyo 7.0.0, SUMO 1.28.0; reckless: dohyo 6.5.0, 7.0.0, SUMO 1.20.0, 1.28.0." in page.text
 
 
 @needs_chromium
