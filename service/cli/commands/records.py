@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.freeway.day import DayRecord, is_day
 from dohyo.evaluation.freeway.morning import MorningRecord, is_morning
@@ -19,6 +20,7 @@ from dohyo.evaluation.parking.record import RECORDS, is_parking_records, read_re
 from dohyo.evaluation.records.mixed import agents_of, drives_of
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import Sealed
+from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_record, read_trajectory, read_whole_record
 from dohyo.evaluation.report.contenders import Pair, make_contenders, make_pair
 from dohyo.evaluation.report.page import write_report
@@ -57,6 +59,7 @@ RulesOption = Annotated[
     typer.Option(help="CARLA Leaderboard rules of the score; default: those of the benchmark."),
 ]
 IrsOption = Annotated[Literal["completed", "driven", "route"], typer.Option(help="Distance by which IRS is divided.")]
+DeadlineOption = Annotated[float, typer.Option(min=0.1, help="Seconds an agent may take to decide.")]
 DIFFERS = 1
 
 
@@ -119,12 +122,17 @@ def verify(
     signature_only: SignatureOnly = False,
     policy: Policy = None,
     trust: Trust = False,
+    deadline: DeadlineOption = ACT_DEADLINE_S,
     json: Json = False,
 ) -> None:
     """Checks a record's signature and benchmark, drives the episode again and compares.
 
     Exit code 1 if the hashes differ, 2 if the scenario is not that of the benchmark that the record names.
     """
+    if deadline != ACT_DEADLINE_S and (
+        is_parking_records(record) or any(of(record) for of in (is_lot, is_day, is_morning))
+    ):
+        raise InvalidInputError(f"'{record}': --deadline is for records of drives")
     if is_parking_records(record):
         if key or server or signature_only or policy:
             raise InvalidInputError(f"'{record}': records of parking are not signed: expected no option but --trust")
@@ -153,13 +161,24 @@ def verify(
             check_networks(benchmark, record, trust)
             check_members([(old, record)], benchmark, benchmark.sha256)
         infos = {ego.name: ego.agent for ego in old.egos}
-        new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark)
+        new, _ = drive_episode(old.scenario, agents, infos=infos, benchmark=old.benchmark, act_deadline_s=deadline)
     finally:
         close_all(agents.values())
     named = _named(old, compared=benchmark is not None)
-    _print_verified(record, old, new.record_hash, signer, part_of_record(record), json, named)
+    late = _late(old, new)
+    _print_verified(record, old, new.record_hash, signer, part_of_record(record), json, named, late)
     if new.record_hash != old.record_hash:
         raise typer.Exit(DIFFERS)
+
+
+def _late(old: EpisodeRecord, new: EpisodeRecord) -> list[str]:
+    """A sentence for each ego whose agent did not answer in time in one of two drives of an episode."""
+    pairs = [(a.name, a.status, b.status) for a, b in zip(old.egos, new.egos, strict=True) if a.status != b.status]
+    return [
+        f"{name}: '{there}' in the record, '{here}' replayed; the deadline decides, which --deadline sets"
+        for name, there, here in pairs
+        if Status.AGENT_DEADLINE in (there, here)
+    ]
 
 
 def _check_motion(path: Path) -> None:
@@ -227,6 +246,7 @@ def _print_verified(
     part: str,
     json: bool,
     benchmark: Mapping[str, Any] | None = None,
+    late: Sequence[str] = (),
 ) -> None:
     """Prints the outcome.
 
@@ -238,11 +258,12 @@ def _print_verified(
         part: Part of the benchmark, see `part_of_record`.
         json: Whether to print JSON.
         benchmark: Of a drive, see `_named`.
+        late: Of a drive, see `_late`.
     """
     same = None if replayed is None else replayed == old.record_hash
     if json:
         hashes = {"expected": old.record_hash, "replayed": replayed, "same": same}
-        told = {} if benchmark is None else {"benchmark": benchmark}
+        told = {} if benchmark is None else {"benchmark": benchmark, "late": list(late)}
         print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None} | told)
         return
     console.print(f"signature: {signer}", highlight=False, soft_wrap=True)
@@ -255,6 +276,8 @@ def _print_verified(
         console.print(f"hash right, not driven again: {old.record_hash}", highlight=False, soft_wrap=True)
     else:
         console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {replayed} replayed")
+    for sentence in late:
+        console.print(sentence, highlight=False, soft_wrap=True)
     print_part(part)
 
 

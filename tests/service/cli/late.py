@@ -1,0 +1,18 @@
+"""An agent that is late once, for the deadlines of commands."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from tests.evaluation.agents import Steady
+
+
+class LateOnce(Steady):
+    """Takes a second for one decision."""
+
+    def misbehave(self) -> np.ndarray:
+        if self.ticks == self.after + 1:
+            time.sleep(1.0)
+        return super().misbehave()
