@@ -39,6 +39,8 @@ def test_an_agent_is_evaluated_verified_and_reported(
     assert "same: all 4 lots" in capsys.readouterr().out
     assert dohyo(monkeypatch, "verify", out / "records.jsonl", "--signature-only") == 2
     assert "not signed" in capsys.readouterr().err
+    assert dohyo(monkeypatch, "verify", out / "records.jsonl", "--trust", "--deadline", "5") == 2
+    assert "--deadline is for records of drives" in capsys.readouterr().err.replace("\n", " ")
 
     assert dohyo(monkeypatch, "report", out, "--out", page) == 0
     assert page.read_text().count('<svg class="plan"') == 4
