@@ -181,8 +181,8 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
     def _reset(self, mask: BoolArray, seeds: Sequence[int | None], options: dict[str, Any]) -> Observations:
         """Begins episodes with seeds, one per environment."""
         self._begun, rows = True, np.repeat(mask, self.num_egos)
-        row_seeds = [seed for seed in seeds for _ in range(self.num_egos)]
-        observations, _ = self._rows.reset(seed=row_seeds, options={**options, "reset_mask": rows})
+        repeated = [seed for seed in seeds for _ in range(self.num_egos)]
+        observations, _ = self._rows.reset(seed=repeated, options={**options, "reset_mask": rows})
         self._check_failures()
         return self._by_env(observations)
 
