@@ -24,7 +24,10 @@ class ComparisonView(View):
     difference: Annotated[EstimateView, Field(description="Mean of the differences.")]
     probability: Annotated[
         float | None,
-        Field(description="Share of resamples in which the difference is above 0; null below six common drives."),
+        Field(
+            description="Share of resamples in which the difference is above 0, and half of those in which it is 0; "
+            "null below six drives."
+        ),
     ]
     verdict: Annotated[
         Literal["<", "=", ">"],

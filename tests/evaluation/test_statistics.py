@@ -97,6 +97,10 @@ def test_pairing_sees_what_the_scenarios_spread_hides() -> None:
     assert paired(difficulty.tolist(), a.tolist()).verdict == "<"
 
 
+def test_equals_are_as_likely_better_as_worse() -> None:
+    assert paired([1.0] * 8, [1.0] * 8).probability == 0.5
+
+
 def test_groups_of_one_are_independent_values() -> None:
     values = np.random.default_rng(6).normal(size=20).tolist()
     assert grouped_estimate([[value] for value in values], mean_estimate) == mean_estimate(values)
