@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -15,7 +15,7 @@ from dohyo.service.networks.finding import find_network
 from dohyo.service.worlds.bodies import MOST_EGOS, WorldRequest
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.network import RoadNetwork
-from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 
 
 def scenario_of(request: WorldRequest) -> Scenario:
@@ -50,10 +50,33 @@ def _on_network(network: RoadNetwork, request: WorldRequest) -> dict[str, Any]:
     """Document of a scenario, with drawn missions where their number is given."""
     missions: Sequence[Any] = request.missions if isinstance(request.missions, list) else ()
     if isinstance(request.missions, int):
-        drawing = draw_missions(network, request.missions, fitting_lengths(network), request.seed)
-        missions = [one.mission.model_dump(mode="json") for one in drawing.missions]
+        drawn = _drawn(network, request.missions, request.seed)
+        missions = [one.model_dump(mode="json") for one in drawn]
     whole = request.model_dump(include={"network", "traffic", "conditions", "events", "obstacles", "seed"})
     return whole | {"name": network.name, "missions": missions}
+
+
+def _drawn(network: RoadNetwork, count: int, seed: int) -> list[Mission]:
+    """Drawn missions whose cars do not touch at their starts."""
+    lengths, apart = fitting_lengths(network), list[Mission]()
+    for more in (count, _SPARE * count):
+        apart = []
+        for one in draw_missions(network, more, lengths, seed, fewer=more > count).missions:
+            if not any(_near(one.mission.start, other.start) for other in apart):
+                apart.append(one.mission)
+        if len(apart) >= count:
+            return [one.model_copy(update={"name": f"m{n:02d}"}) for n, one in enumerate(apart[:count], start=1)]
+    raise InvalidInputError(f"missions: expected {count} that start apart, '{network.name}' has {len(apart)}")
+
+
+def _near(one: Place, other: Place) -> bool:
+    return one.lane == other.lane and abs(one.position_m - other.position_m) < _APART_M
+
+
+_SPARE: Final = 4
+"""Missions drawn for each that is wanted where some starts are too near each other."""
+_APART_M: Final = 8.0
+"""Least distance between two starts on a lane: a car and some room."""
 
 
 def _own(document: dict[str, Any], at: str) -> Scenario:

@@ -57,6 +57,7 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
 
         Raises:
             InvalidInputError: The number of karts is not possible, or the render mode is unknown.
+            UnknownNameError: The state is unknown.
         """
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError(f"expected render_mode 'rgb_array' or None, got {render_mode!r}")

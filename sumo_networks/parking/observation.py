@@ -27,6 +27,7 @@ from gymnasium.spaces import Box
 from numba import njit
 
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from dohyo.sumo_networks.errors import UnknownNameError
 from dohyo.sumo_networks.parking import kart, radar
 from dohyo.sumo_networks.parking.contact import STORED
 from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS
@@ -63,8 +64,15 @@ _ABSENT, _KART = int(Outcome.ABSENT), int(Kind.KART)
 
 
 def columns(state: State) -> IntArray:
-    """Indices of the columns of an observation with a state, in their order."""
-    last = {"v1": 9, "v2": 12, "oriented": RADAR}[state]
+    """Indices of the columns of an observation with a state, in their order.
+
+    Raises:
+        UnknownNameError: There is no such state.
+    """
+    ends = {"v1": 9, "v2": 12, "oriented": RADAR}
+    if state not in ends:
+        raise UnknownNameError("state", state, ends)
+    last = ends[state]
     return np.concatenate([np.arange(last), np.arange(RADAR, COLUMNS)])
 
 

@@ -10,7 +10,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.parking.env import ParkingEnv
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.lot import Pose
@@ -85,6 +85,8 @@ def test_pictures_show_the_kart_where_it_is():
     assert ParkingEnv().render() is None
     with pytest.raises(InvalidInputError, match="render_mode"):
         ParkingEnv(render_mode="human")
+    with pytest.raises(UnknownNameError, match="no state named 'x'"):
+        ParkingEnv(state="x")  # type: ignore[arg-type]  # what a caller may give
 
 
 def test_rows_of_a_lot_are_a_group_and_wait_for_its_reset():
