@@ -104,15 +104,20 @@ def report(
 def _verdict(pair: Pair) -> str:
     """Comparison by the headline: "a > b: driving score differs by 9.10 [3.00, 15.0] on 75 common drives, P(a > b)"."""
     a, b = pair.a, pair.b
-    if not common_drives(a.evaluation.records, b.evaluation.records):
+    if not (common := common_drives(a.evaluation.records, b.evaluation.records)):
         return f"{a.name} and {b.name} have no common drive: same scenario, seed and ego"
     if pair.reason:
         return f"{a.name} and {b.name} are not compared: {pair.reason}"
     found, score = pair.headline, a.evaluation.headline.label
     n = found.difference.n
-    drives = f"{n} common drive{'s' * (n != 1)}" + (", too few drives to decide" if n < FEWEST else "")
+    drives = _counted(common, "common drive") + ("" if n == common else f" in {_counted(n, 'episode')}")
+    drives += ", too few to decide" if n < FEWEST else ""
     chance = "" if found.probability is None else f", {probability(found.probability, a.name, b.name)}"
     return f"{a.name} {found.verdict} {b.name}: {score} differs by {interval(found.difference)} on {drives}{chance}"
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}{'s' * (n != 1)}"
 
 
 def verify(

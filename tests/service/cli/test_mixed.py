@@ -85,7 +85,7 @@ def test_each_ego_has_its_agent_in_record_scores_and_report(call: Call) -> None:
     evaluate(call, "autopilot", f"back={STEADY}", out="exchanged")
     code, printed, errors = call("report", "here", "exchanged", "--out", "report.html")
     assert code == 0, errors
-    assert "on 1 common drive," in printed  # both egos of the one episode, by their means
+    assert "on 2 common drives in 1 episode, too few to decide" in printed
     assert "agents that met" in printed
     assert "autopilot" in Path("report.html").read_text()
 

@@ -100,8 +100,8 @@ def test_a_record_without_its_trajectories_is_refused_by_every_command(
 @pytest.mark.parametrize(
     ("seeds", "ends"),
     [
-        ([0], "on 1 common drive, too few drives to decide"),
-        (range(5), "on 5 common drives, too few drives to decide"),
+        ([0], "on 1 common drive, too few to decide"),
+        (range(5), "on 5 common drives, too few to decide"),
         (range(6), "on 6 common drives, P(other > tester) > 0.999"),
     ],
 )
