@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 from dohyo.evaluation.benchmarks.headline import Headline
@@ -123,7 +125,12 @@ def make_contenders(evaluations: Sequence[Evaluation], rules: Rules, irs_length:
 
     Their places are by the benchmark's headline, best first; after them, likewise, agents that drove only a part of the
     benchmark.
+
+    Raises:
+        InvalidInputError: If there is no evaluation, an agent comes twice, the benchmarks differ, or records cannot be
+            summarised together.
     """
+    _check(evaluations)
     colours = look.agent_colours(one.agent for one in evaluations)
     found = [
         (one, summarise(one.records, rules=rules, irs_length=irs_length), _closed_loop(one)) for one in evaluations
@@ -141,6 +148,18 @@ def make_contenders(evaluations: Sequence[Evaluation], rules: Rules, irs_length:
     ]
 
 
+def _check(evaluations: Sequence[Evaluation]) -> None:
+    if not evaluations:
+        raise InvalidInputError("expected at least one evaluation to report, got none")
+    names = Counter(one.agent for one in evaluations)
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise InvalidInputError(f"expected one evaluation per agent, got several of {', '.join(sorted(twice))}")
+    versions = {(one.benchmark, one.benchmark_hash) for one in evaluations}
+    if len(versions) > 1:
+        given = ", ".join(f"{name} ({digest[:12]})" for name, digest in sorted(versions))
+        raise InvalidInputError(f"expected evaluations of one benchmark version, got {given}")
+
+
 def _scores(summary: Summary, closed_loop: ClosedLoopResult | None) -> dict[str, Estimate]:
     return summary.scores | ({Headline.CLOSED_LOOP.value: closed_loop.summary.score} if closed_loop else {})
 
@@ -153,8 +172,14 @@ def _closed_loop(evaluation: Evaluation) -> ClosedLoopResult | None:
     return ClosedLoopResult(drives, summarise_closed_loop(drives, lost_drives(records)))
 
 
-def make_pair(a: Contender, b: Contender, rules: Rules, irs_length: IrsLength) -> Pair:
+def make_pairs(contenders: Sequence[Contender]) -> list[Pair]:
+    """All pairs of agents, the one with the better place first."""
+    return [_pair(a, b) for a, b in combinations(sorted(contenders, key=lambda one: one.place), 2)]
+
+
+def _pair(a: Contender, b: Contender) -> Pair:
     """Compares two agents on their common drives, or gives the reason if they have none."""
+    rules, irs_length = a.summary.rules, a.summary.irs_length
     try:
         comparisons = compare(a.evaluation.records, b.evaluation.records, rules=rules, irs_length=irs_length)
     except InvalidInputError as error:

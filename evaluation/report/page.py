@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,7 @@ from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report import figures
 from dohyo.evaluation.report import style as look
-from dohyo.evaluation.report.contenders import Contender, Evaluation, make_contenders, make_pair
+from dohyo.evaluation.report.contenders import Contender, Evaluation, Pair
 from dohyo.evaluation.report.recorded_versions import dohyo_versions, mixed_versions, sumo_versions
 from dohyo.evaluation.report.road_map import LaneShape, Spot, drivable_lanes, lay_out_map
 from dohyo.evaluation.report.rows import Drive, make_drives, worst_first
@@ -30,7 +28,6 @@ from dohyo.evaluation.report.tables import csv_tables
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import ClosedLoopSummary, by_type, lost_drives
 from dohyo.evaluation.statistics import Estimate
-from dohyo.sumo_networks.errors import InvalidInputError
 
 SHARED: Final = Path(__file__).parent / "static" / "shared"
 """Scripts and styles of tables, which the dashboard serves as they are."""
@@ -82,41 +79,37 @@ class Picture:
 
 
 def write_report(
-    evaluations: Sequence[Evaluation],
+    contenders: Sequence[Contender],
+    pairs: Sequence[Pair],
     path: Path,
     *,
-    rules: Rules = "2.0",
-    irs_length: IrsLength = "completed",
     lanes: Callable[[str], Iterable[LaneShape]] = drivable_lanes,
 ) -> Path:
     """Writes one self-contained HTML file; the same records give the same bytes.
 
     Args:
-        evaluations: Evaluations of different agents on the same version of one benchmark.
+        contenders: At least one agent.
+        pairs: Comparisons of all of them, see `make_pairs`.
         path: Path of the file; missing folders are created. Links to records are relative to it.
-        rules: Version of the leaderboard's rules for penalty and driving score.
-        irs_length: Length by which the infraction rate score divides.
         lanes: Function that returns the lanes of a network to draw, by its name in the scenarios.
 
     Returns:
         The path of the written file.
 
     Raises:
-        InvalidInputError: If there is no evaluation, an agent comes twice, the benchmarks differ, records cannot be
-            summarised together, or the file cannot be written.
+        InvalidInputError: If the file cannot be written.
     """
-    _check(evaluations)
-    contenders = sorted(make_contenders(evaluations, rules, irs_length), key=lambda one: one.place)
+    contenders = sorted(contenders, key=lambda one: one.place)
+    evaluations, rules = [one.evaluation for one in contenders], contenders[0].summary.rules
     drives = sorted(make_drives(contenders, path, rules), key=worst_first)
     counted = [drive for drive in drives if not drive.record.lost]
-    pairs = [make_pair(a, b, rules, irs_length) for a, b in itertools.combinations(contenders, 2)]
     networks = sorted({drive.record.scenario.network for drive in drives})
     page = {
         "evaluation": evaluations[0],
         "headline": _in_a_sentence(evaluations[0].headline),
         "partly": any(one.part for one in evaluations),
-        "mixed_versions": mixed_versions([one.evaluation for one in contenders]),
-        "facts": _facts([one.evaluation for one in contenders], rules, irs_length),
+        "mixed_versions": mixed_versions(evaluations),
+        "facts": _facts(evaluations, rules, contenders[0].summary.irs_length),
         "contenders": contenders,
         "closed_loop": _closed_loop(contenders),
         "columns": _columns(contenders),
@@ -156,18 +149,6 @@ def _closed_loop(contenders: Sequence[Contender]) -> list[tuple[Contender, Close
     if len(found) < len(contenders):
         return []
     return [(one, scored.summary, list(by_type(scored.drives).items())) for one, scored in found]
-
-
-def _check(evaluations: Sequence[Evaluation]) -> None:
-    if not evaluations:
-        raise InvalidInputError("expected at least one evaluation to report, got none")
-    names = Counter(one.agent for one in evaluations)
-    if twice := [name for name, count in names.items() if count > 1]:
-        raise InvalidInputError(f"expected one evaluation per agent, got several of {', '.join(sorted(twice))}")
-    versions = {(one.benchmark, one.benchmark_hash) for one in evaluations}
-    if len(versions) > 1:
-        given = ", ".join(f"{name} ({digest[:12]})" for name, digest in sorted(versions))
-        raise InvalidInputError(f"expected evaluations of one benchmark version, got {given}")
 
 
 def _environment() -> Environment:

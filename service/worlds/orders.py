@@ -17,6 +17,11 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 
+_SPARE: Final = 4
+"""Missions drawn for each that is wanted where some starts are too near each other."""
+_APART_M: Final = 8.0
+"""Least distance between two starts on a lane: a car and some room."""
+
 
 def scenario_of(request: WorldRequest) -> Scenario:
     """Scenario of a world.
@@ -71,12 +76,6 @@ def _drawn(network: RoadNetwork, count: int, seed: int) -> list[Mission]:
 
 def _near(one: Place, other: Place) -> bool:
     return one.lane == other.lane and abs(one.position_m - other.position_m) < _APART_M
-
-
-_SPARE: Final = 4
-"""Missions drawn for each that is wanted where some starts are too near each other."""
-_APART_M: Final = 8.0
-"""Least distance between two starts on a lane: a car and some room."""
 
 
 def _own(document: dict[str, Any], at: str) -> Scenario:

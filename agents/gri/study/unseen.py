@@ -90,7 +90,7 @@ def driver(policy: Path) -> Agent:
 
 
 def success(results: Results) -> str:
-    """A row per arm: success by traffic beside the thesis's, and infractions per km driven in regular traffic."""
+    """A row per arm: success by traffic beside the thesis's, and the route completed."""
     lines = []
     for arm, own in by_arm(results.kept, DRIVERS).items():
         count = len({row["training_seed"] for row in own})

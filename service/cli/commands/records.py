@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,7 +21,7 @@ from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.signature import Sealed
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.records.store import read_record, read_trajectory, read_whole_record
-from dohyo.evaluation.report.contenders import Pair, make_contenders, make_pair
+from dohyo.evaluation.report.contenders import Pair, make_contenders, make_pairs
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.recorded_versions import mixed_versions
 from dohyo.evaluation.report.style import probability
@@ -32,7 +31,6 @@ from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import applies, lost_drives, score_records
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
-from dohyo.evaluation.significance import FEWEST
 from dohyo.evaluation.summary import Summary, common_drives, score_drive, summarise, summarise_cells
 from dohyo.service.cli.by_agent import evaluations_of
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
@@ -90,14 +88,15 @@ def report(
     if closed_loop:
         print_closed_loop(closed_loop, "agent")
         print_legend()
-    for a, b in combinations(contenders, 2):
-        console.print(_verdict(make_pair(a, b, rules, irs_length)), soft_wrap=True)
+    pairs = make_pairs(contenders)
+    for pair in pairs:
+        console.print(_verdict(pair), soft_wrap=True)
     print_meetings([record for result in results for record in result.records])
     for one in evaluations:
         print_part(one.part, f"{one.agent}: ")
     if mixed := mixed_versions(evaluations):
         console.print(f"take care: {mixed}", highlight=False, soft_wrap=True)
-    path = write_report(evaluations, out, rules=rules, irs_length=irs_length)
+    path = write_report(contenders, pairs, out)
     console.print(f"report: {path.resolve()}")
 
 
@@ -111,9 +110,8 @@ def _verdict(pair: Pair) -> str:
     found, score = pair.headline, a.evaluation.headline.label
     n = found.difference.n
     drives = _counted(common, "common drive") + ("" if n == common else f" in {_counted(n, 'episode')}")
-    drives += ", too few to decide" if n < FEWEST else ""
-    chance = "" if found.probability is None else f", {probability(found.probability, a.name, b.name)}"
-    return f"{a.name} {found.verdict} {b.name}: {score} differs by {interval(found.difference)} on {drives}{chance}"
+    chance = probability(found.probability, a.name, b.name)
+    return f"{a.name} {found.verdict} {b.name}: {score} differs by {interval(found.difference)} on {drives}, {chance}"
 
 
 def _counted(n: int, what: str) -> str:

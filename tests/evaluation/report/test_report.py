@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,10 @@ from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.report import contenders, figures
 from dohyo.evaluation.report import style as look
-from dohyo.evaluation.report.contenders import Evaluation
+from dohyo.evaluation.report.contenders import Evaluation, make_contenders, make_pairs
 from dohyo.evaluation.report.page import COLUMNS, write_report
 from dohyo.evaluation.report.road_map import LaneShape, drivable_lanes
-from dohyo.evaluation.scores.driving import Rules
+from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import ScoredDrive
 from dohyo.evaluation.statistics import Estimate
@@ -98,8 +98,15 @@ def evaluation(records: Iterable[EpisodeRecord], folder: Path, agent: str = "tes
     return Evaluation(agent, "nocrash", HASH, records, paths)
 
 
-def report(tmp_path: Path, *evaluations: Evaluation, **rest: Any) -> tuple[Path, Page]:
-    path = write_report(evaluations, tmp_path / "out" / "report.html", **({"lanes": cross} | rest))
+def report(
+    tmp_path: Path,
+    *evaluations: Evaluation,
+    rules: Rules = "2.0",
+    irs_length: IrsLength = "completed",
+    lanes: Callable[[str], Iterable[LaneShape]] = cross,
+) -> tuple[Path, Page]:
+    agents = make_contenders(evaluations, rules, irs_length)
+    path = write_report(agents, make_pairs(agents), tmp_path / "out" / "report.html", lanes=lanes)
     return path, Page(path.read_text(encoding="utf-8"))
 
 
@@ -263,7 +270,7 @@ def test_the_headline_is_explained_where_the_benchmark_says_it(tmp_path: Path) -
 def test_a_folder_is_no_report(tmp_path: Path) -> None:
     one = evaluation(drives("tester", [red()]), tmp_path)
     with pytest.raises(InvalidInputError, match="expected a file, got a folder"):
-        write_report([one], tmp_path, lanes=cross)
+        write_report(make_contenders([one], "2.0", "completed"), [], tmp_path, lanes=cross)
 
 
 def test_with_one_episode(tmp_path: Path) -> None:

@@ -86,11 +86,7 @@ def test_evaluations_of_before_were_driven_by_an_earlier_version_if_at_all(datab
         session.flush()
         _add_evaluation(session, "driven", EpisodeStatus.DONE)
         _add_evaluation(session, "waiting", EpisodeStatus.QUEUED)
-    config = Config()
-    config.set_main_option("script_location", str(MIGRATIONS))
-    with database.engine.begin() as connection:
-        config.attributes["connection"] = connection
-        command.downgrade(config, "2026_11_creation_index")
+    _downgrade(database, "2026_11_creation_index")
     assert "dohyo_versions" not in [one["name"] for one in inspect(database.engine).get_columns("evaluations")]
     database.migrate()
     with database.reading() as session:
@@ -100,11 +96,7 @@ def test_evaluations_of_before_were_driven_by_an_earlier_version_if_at_all(datab
 
 def test_results_of_before_are_computed_again(database: Database) -> None:
     """They held a value per ego, and egos of one episode are no independent drives."""
-    config = Config()
-    config.set_main_option("script_location", str(MIGRATIONS))
-    with database.engine.begin() as connection:
-        config.attributes["connection"] = connection
-        command.downgrade(config, "2026_12_dohyo_versions")
+    _downgrade(database, "2026_12_dohyo_versions")
     with database.session() as session:
         session.add_all([Agent(id="a", name="a", owner="o"), BenchmarkVersion(sha256="b", name="b", document={})])
         session.flush()
@@ -121,6 +113,14 @@ def test_results_of_before_are_computed_again(database: Database) -> None:
     database.migrate()
     with database.reading() as session:
         assert session.scalars(select(Result)).all() == []
+
+
+def _downgrade(database: Database, revision: str) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with database.engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.downgrade(config, revision)
 
 
 def _migrate(url: str, start: object) -> None:

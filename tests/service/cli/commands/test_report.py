@@ -54,14 +54,14 @@ def test_the_verdict_is_by_the_headline_of_the_benchmark(name: str, score: str, 
     benchmark = load_benchmark(name)
     done = report(tmp_path, folder_of(tmp_path / "a", benchmark), folder_of(tmp_path / "b", benchmark, OTHER))
     assert done.exit_code == 0, done.output
-    assert f"tester = other: {score} differs by 0 on 1 common drive" in done.output
+    assert f"other = tester: {score} differs by 0 on 1 common drive" in done.output
 
 
 def test_the_verdict_of_a_closed_loop_benchmark_is_by_its_score(tmp_path: Path) -> None:
     val14 = load_benchmark("val14-reactive")
     done = report(tmp_path, folder_of(tmp_path / "a", val14), folder_of(tmp_path / "b", val14, OTHER))
     assert done.exit_code == 0, done.output
-    assert "tester = other: closed-loop score differs by 0 on 1 common drive" in done.output
+    assert "other = tester: closed-loop score differs by 0 on 1 common drive" in done.output
     assert "driving score differs" not in done.output
 
 
@@ -77,7 +77,8 @@ def test_agents_without_a_common_drive_are_reported(name: str, lost: bool, tmp_p
     )
     done = report(tmp_path, first, second)
     assert done.exit_code == 0, done.output
-    assert done.output.count("tester and other have no common drive: same scenario, seed and ego") == 1
+    pair = "tester and other" if lost else "other and tester"  # the better one, then by name
+    assert done.output.count(f"{pair} have no common drive: same scenario, seed and ego") == 1
     assert (tmp_path / "page.html").exists()
 
 
@@ -85,7 +86,7 @@ def test_agents_with_equal_settings_have_the_names_of_their_folders(tmp_path: Pa
     before, after = (folder_of(tmp_path / name, QUICK) for name in ("before", "after"))
     done = report(tmp_path, before, after)
     assert done.exit_code == 0, done.output
-    assert "tester (before) = tester (after): driving score differs by 0" in done.output
+    assert "tester (after) = tester (before): driving score differs by 0" in done.output
     assert "tester (before)" in (tmp_path / "page.html").read_text()
 
 
