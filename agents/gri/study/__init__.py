@@ -1,3 +1,3 @@
 """Study of GRI: its arms, trainings, judgements and tables."""
 
-STUDIES = {"gri": "study", "griad": "unseen"}
+STUDIES = {"gri": "study", "griad": "unseen", "griad-pictures": "pictures"}

@@ -194,17 +194,19 @@ def _driving(problem: str, longer: int) -> dict[str, GriArm]:
 
 
 def _encoders(problem: str) -> dict[str, GriArm]:
-    """Row 5: GRIAD on encoders that learned more, less, or nothing."""
+    """Row 5: GRIAD on encoders that learned more, less, or nothing; and its algorithm alone on the first of them."""
     told = {
         "affordances": "encoder of segmentation and heads",
         "classification": "encoder of classification",
         "untrained": "encoder without training",
     }
     shown = ("p_demo=0.25", "demo_reward=1.0", "unit=steps")
-    return {
+    arms = {
         f"{problem}-iqn-{name}": GriArm(problem, "iqn", shown, f"GRIAD, {words}", env=f"driving-{name}")
         for name, words in told.items()
     }
+    alone = GriArm(problem, "iqn", ("p_demo=0.0",), f"IQN alone, {told['affordances']}", env="driving-affordances")
+    return {f"{problem}-iqn-p0": alone, **arms}
 
 
 ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.gri.study import unseen
+from dohyo.agents.gri.study import pictures, unseen
 from dohyo.agents.gri.study.arms import ARMS
 from dohyo.agents.gri.study.experts import prepare, problem_of
 from dohyo.agents.gri.study.study import Options
@@ -16,7 +16,7 @@ from dohyo.agents.studies.study import Results
 from dohyo.sumo_networks.errors import SimulationError
 
 GRIAD, ALONE = "driving-full-iqn-p25", "driving-full-iqn-p0"
-CELLS = unseen.cells(Options())
+CELLS = unseen.STUDY.cells(Options())
 
 
 def rows(arm: str, successes: int) -> list[Row]:
@@ -33,7 +33,7 @@ def rows(arm: str, successes: int) -> list[Row]:
 
 
 def test_all_arms_drive_the_same_missions_where_nobody_learned() -> None:
-    missions = {arm: [cell.scenario for cell in CELLS if cell[:2] == (arm, 2)] for arm in unseen.DRIVERS}
+    missions = {arm: [cell.scenario for cell in CELLS if cell[:2] == (arm, 2)] for arm in unseen.drivers("driving-full")}
     assert set(missions) == {name for name, arm in ARMS.items() if arm.problem == "driving-full"}
     assert len(missions[GRIAD]) == 75
     assert all(mission.startswith("town-test.") and ".test.m" in mission for mission in missions[GRIAD])
@@ -43,13 +43,23 @@ def test_all_arms_drive_the_same_missions_where_nobody_learned() -> None:
 
 def test_tables_tell_success_beside_the_thesis_and_decide() -> None:
     results = Results([*rows(GRIAD, 20), *rows(ALONE, 10)], {})
-    line = next(one for one in unseen.success(results).splitlines() if "GRIAD" in one)
+    line = next(one for one in unseen.STUDY.tables["unseen"](results).splitlines() if "GRIAD" in one)
     assert line.startswith("| GRIAD, 3 to 1 | 3 | 100,000 | 225 | 80.0 [")
     assert line.endswith("| 68.7 / 63.3 / 52 |")
     assert "| IQN alone | 112.5 | 0.00 | 2.00 |" in unseen.infractions(results)
     claims = unseen.STUDY.tables["unseen-claims"](results)
     assert [one.split("|")[2].strip() for one in claims.splitlines()[2:]] == ["empty", "regular", "dense", ""]
     assert claims.count("reproduced") == 4
+
+
+def test_encoders_are_compared_on_the_same_missions_as_states() -> None:
+    of_pictures = pictures.STUDY.cells(Options())
+    arms = {cell.arm for cell in of_pictures}
+    assert {ARMS[arm].problem for arm in arms} == {"driving-vis"}
+    assert {side for claim in pictures.CLAIMS for side in (claim.left, claim.right)} == arms
+    assert {cell.scenario for cell in of_pictures} == {cell.scenario for cell in CELLS}
+    results = Results([{**row, "arm": pictures.WHOLE} for row in rows(GRIAD, 20)], {})
+    assert pictures.STUDY.tables["pictures"](results).splitlines()[-1].endswith("| \N{EM DASH} |")
 
 
 def test_what_may_not_be_trained_drives_nowhere(tmp_path: Path) -> None:
