@@ -93,7 +93,7 @@ PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
         ),
         "driving-vis": Problem(
             "driving-affordances",
-            ("steps=20000", "evaluate_every=4000", "checkpoint_every=4000", "episodes=10"),
+            ("steps=40000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=10"),
             _DRIVING_SIZES,
             None,
             shown=60,
