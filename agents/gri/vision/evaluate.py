@@ -3,7 +3,7 @@
     python -m dohyo.agents.gri.vision.evaluate --data data/affordances --run out/vision/affordances
 
 Writes results/affordances.json, and the table of RESULTS.md from it. Each measure stands beside that of a constant
-answer: the majority of the training moments, or their mean.
+answer: the majority of the training moments, or their median.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def true_answers(moments: Moments) -> Answers:
 
 
 def constant_answers(training: Answers) -> dict[str, float]:
-    """An answer without looking, by head: the majority, or the mean (not the median, which has smaller mean errors)."""
+    """The best answer without looking, by head: the majority, or the median, which has the smallest mean error."""
     lit = training.lit == 1
 
     def majority(values: NDArray[Any]) -> float:
@@ -72,8 +72,8 @@ def constant_answers(training: Answers) -> dict[str, float]:
         "junction": majority(training.junction),
         "lit": majority(training.lit),
         "colour": majority(training.colour[lit]),
-        "distance_m": float(training.distance_m[lit].mean()),
-        "angle_rad": float(training.angle_rad.mean()),
+        "distance_m": float(np.median(training.distance_m[lit])),
+        "angle_rad": float(np.median(training.angle_rad)),
     }
 
 

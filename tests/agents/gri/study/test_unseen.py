@@ -33,7 +33,8 @@ def rows(arm: str, successes: int) -> list[Row]:
 
 
 def test_all_arms_drive_the_same_missions_where_nobody_learned() -> None:
-    missions = {arm: [cell.scenario for cell in CELLS if cell[:2] == (arm, 2)] for arm in unseen.drivers("driving-full")}
+    arms = unseen.drivers("driving-full")
+    missions = {arm: [cell.scenario for cell in CELLS if cell[:2] == (arm, 2)] for arm in arms}
     assert set(missions) == {name for name, arm in ARMS.items() if arm.problem == "driving-full"}
     assert len(missions[GRIAD]) == 75
     assert all(mission.startswith("town-test.") and ".test.m" in mission for mission in missions[GRIAD])

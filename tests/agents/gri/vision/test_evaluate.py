@@ -35,6 +35,12 @@ def test_heads_are_judged_against_constant_answers_and_lights_where_there_is_one
     assert (low, high) == (0.5, 1.0), "one drive is right in half of its moments, the other in all"
 
 
+def test_the_constant_of_a_number_is_the_one_with_the_smallest_mean_error():
+    skewed = {"distance_m": np.array([1.0, 2.0, 3.0, 40.0]), "angle_rad": np.array([0.0, 0.0, 0.0, 1.0])}
+    constant = constant_answers(TRUE._replace(lit=np.ones(4, int), **skewed))
+    assert (constant["distance_m"], constant["angle_rad"]) == (2.5, 0.0)
+
+
 def test_without_a_light_colour_and_distance_are_not_judged():
     dark = TRUE._replace(lit=np.zeros(4, int))
     found = judged(dark, dark, constant_answers(TRUE), np.arange(4))
