@@ -23,9 +23,9 @@ from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, ScriptedMission
 from dohyo.evaluation.benchmarks.cells import Level, Protocol, make_cells
-from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.networks.xml_guard import scan

@@ -10,10 +10,10 @@ from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, Benchmark, ScriptedMission
 from dohyo.evaluation.benchmarks.cells import Level, Protocol, carried_traffic, make_cells, traffic_of
-from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.evaluation.benchmarks.mission_drawing import Check, Drawing, draw_missions, route_lengths
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.events.auto_events import auto_events
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.inspection import network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork

@@ -12,12 +12,12 @@ from gymnasium.vector import AutoresetMode
 from pydantic import ValidationError
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
-from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.evaluation.criteria.route_timeout import RouteTimeout
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, check_single
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Scenario, Traffic

@@ -7,9 +7,9 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from dohyo.evaluation.benchmarks.documents import benchmark_path, family_of, keys_of_its_cell, read_document
-from dohyo.evaluation.benchmarks.faults import describe_fault
 from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 
 Model = TypeVar("Model", bound=BaseModel)
 
