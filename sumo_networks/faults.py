@@ -76,6 +76,8 @@ def _expected(one: ErrorDetails) -> str:
     match one["type"]:
         case "missing":
             return "expected a value, and there is none"
+        case "json_invalid":
+            return f"expected JSON, but {context['error']}"
         case "value_error":
             return str(context["error"])  # a validator of dohyo, whose messages are whole
         case "string_pattern_mismatch" if context["pattern"] in _FORMS:

@@ -14,6 +14,7 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.store import FACTS_LIMIT_BYTES
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -65,7 +66,7 @@ class FreewayRecord(Config):
         try:
             record = cls.model_validate_json(content)
         except ValidationError as error:
-            raise InvalidInputError(f"{path}: expected {cls.what}: {error.errors()[0]['msg']}") from error
+            raise InvalidInputError(f"{path}: expected {cls.what}: {describe_fault(error, cls)}") from error
         if record.record_hash != record.content_hash():
             raise InvalidInputError(f"{path}: the record has been changed: its hash is another one")
         return record

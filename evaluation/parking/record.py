@@ -13,6 +13,7 @@ from dohyo.evaluation.parking.benchmark import LotScenario, ParkingBenchmark
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -164,7 +165,8 @@ def parse_record(content: bytes, where: str) -> ParkingRecord:
     try:
         record = ParkingRecord.model_validate_json(content)
     except ValidationError as error:
-        raise InvalidInputError(f"{where}: expected a record of parking: {error.errors()[0]['msg']}") from error
+        told = describe_fault(error, ParkingRecord)
+        raise InvalidInputError(f"{where}: expected a record of parking: {told}") from error
     if record.record_hash != record.content_hash():
         raise InvalidInputError(f"{where}: the record has been changed: its hash is another one")
     return record

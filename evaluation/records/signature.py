@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError
 from dohyo.evaluation.records.foreign_files import read_limited
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 
 SUFFIX: Final = ".sig"
 LIMIT_BYTES: Final = 4096
@@ -110,4 +111,4 @@ def read_signature(record: Path) -> Signature | None:
     try:
         return Signature.model_validate_json(read_limited(path, "a signature", LIMIT_BYTES))
     except ValidationError as error:
-        raise InvalidInputError(f"{path}: expected a signature: {error.errors()[0]['msg']}") from error
+        raise InvalidInputError(f"{path}: expected a signature: {describe_fault(error, Signature)}") from error

@@ -17,6 +17,7 @@ from dohyo.evaluation.records.foreign_files import check_file_name, read_limited
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -159,10 +160,9 @@ def _record(document: dict[str, Any], path: str) -> EpisodeRecord:
     try:
         return EpisodeRecord.model_validate({key: value for key, value in document.items() if key != _PARQUET_DIGEST})
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "record"
+        told = describe_fault(error, EpisodeRecord)
         raise InvalidInputError(
-            f"{path}: expected an episode record as this version of dohyo writes it, but {where}: {first['msg']}"
+            f"{path}: expected an episode record as this version of dohyo writes it: {told}"
         ) from error
 
 

@@ -12,6 +12,7 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.records.foreign_files import read_limited
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.scenario import Config
 
 MANIFEST = "evaluation.json"
@@ -141,7 +142,7 @@ def parse_manifest(content: bytes, path: str, kind: type[AnyManifest]) -> AnyMan
     try:
         manifest = kind.model_validate_json(content)
     except ValidationError as error:
-        raise InvalidInputError(f"{path}: {error.errors()[0]['msg']}") from error
+        raise InvalidInputError(f"{path}: {describe_fault(error, kind)}") from error
     if manifest.benchmark_sha256 != manifest.benchmark.sha256:
         raise InvalidInputError(f"{path}: expected benchmark_sha256 {manifest.benchmark.sha256}, got another hash")
     return manifest

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import network_folder
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -170,7 +171,9 @@ def load_freeway(name: str = "freeway") -> FreewayRoad:
         raise InvalidInputError(f"network '{name}' is no freeway: expected '{MAINLINE}' in its folder")
     try:
         mainline = Mainline.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (ValidationError, tomllib.TOMLDecodeError) as error:
+    except ValidationError as error:
+        raise InvalidInputError(f"{path}: {describe_fault(error, Mainline)}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"{path}: {error}") from error
     return _laid_out(network, mainline)
 

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.faults import describe_fault
 
 CATALOG = Path(__file__).parents[1] / "catalog"
 ENTRY = "network.toml"
@@ -152,7 +153,9 @@ def _entry_in(folder: Path) -> NetworkEntry:
 def _read_entry(path: Path, _mtime_ns: int, _size: int) -> NetworkEntry:
     try:
         return NetworkEntry.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (ValidationError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValidationError as error:
+        raise InvalidInputError(f"{path}: {describe_fault(error, NetworkEntry)}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInputError(f"{path}: {error}") from error
 
 

@@ -1,97 +1,59 @@
-"""Faults of benchmark files: each in one line, at a place that the file has, in words of its author."""
+"""Faults of documents that dohyo reads: one line, at the place of the fault, in words."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
-from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.freeway.morning import MorningRecord
+from dohyo.evaluation.parking.record import parse_record
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.signature import read_signature, signature_path
+from dohyo.evaluation.running.manifest import Manifest, parse_manifest
 from dohyo.sumo_networks.errors import InvalidInputError
-
-SHORT = """
-name = "mine"
-description = "d"
-headline = "driving_score"
-metric = "m"
-network = "ingolstadt"
-seeds = [0, 1]
-conditions = ["clear"]
-
-[traffic]
-vehicles = 3
-
-[[missions]]
-name = "one"
-start = { lane = "a_0" }
-goal = { lane = "b_0" }
-events = [{ kind = "lead_vehicle_brakes", name = "brakes", at_m = 50 }]
-"""
-LONG = """
-name = "mine"
-description = "d"
-headline = "driving_score"
-metric = "m"
-cells = [{ name = "town", network = "ingolstadt", missions = "some", traffic = { vehicles = 3 } }]
-
-[[missions.some]]
-name = "one"
-start = { lane = "a_0" }
-goal = { lane = "b_0" }
-"""
-
-
-def refusal(text: str, folder: Path) -> str:
-    path = folder / "mine.toml"
-    path.write_text(text)
-    with pytest.raises(InvalidInputError) as refused:
-        load_benchmark(str(path))
-    before, _, told = str(refused.value).partition(f"benchmark file '{path}': ")
-    assert before == ""
-    assert "\n" not in told
-    return told
+from dohyo.sumo_networks.faults import describe_fault
+from dohyo.sumo_networks.networks.entries import ENTRY, network_entry, user_catalog
 
 
 @pytest.mark.parametrize(
-    ("wrong", "right", "told"),
+    ("content", "told"),
     [
-        ("vehicle = 3", "vehicles = 3", "traffic.vehicle: unknown key; did you mean 'vehicles'? (there is "),
-        ("[trafic]", "[traffic]", "trafic: unknown key; did you mean 'traffic'? (there is cells, conditions, "),
-        ("{ line = ", "{ lane = ", "missions.0.start.line: unknown key; did you mean 'lane'? (there is lane, position"),
-        ('nam = "brakes"', 'name = "brakes"', "missions.0.events.0.nam: unknown key; did you mean 'name'? (there is "),
-        ("deceleration = 3", 'name = "brakes"', "missions.0.events.0.deceleration: unknown key; did you mean 'decele"),
-        ("via = []", 'goal = { lane = "b_0" }', "missions.0.goal: expected a value, and there is none"),
-        ('conditions = "snow"', 'conditions = ["clear"]', "conditions: expected a list, got 'snow'"),
-        ('name = "my bench"', 'name = "mine"', "name: expected up to 100 letters, digits, '_', '.' and '-' that begin"),
-        ("seeds = [0, 1, 0]", "seeds = [0, 1]", "seeds: expected every seed once, got 0 again"),
-        ("seeds = []", "seeds = [0, 1]", "seeds: expected a list with 1 or more entries, got []"),
-        ('kind = "lead"', 'kind = "lead_vehicle_brakes"', "missions.0.events.0: expected 'kind' to be one of "),
-        ('vehicles = "three"', "vehicles = 3", "traffic.vehicles: expected a whole number, got 'three'"),
-        ("vehicles = -3", "vehicles = 3", "traffic.vehicles: expected at least 0, got -3"),
+        (b"{", "expected JSON, but EOF while parsing an object at line 1 column 1"),
+        (b"[]", "expected a table, got []"),
+        (b'{"agnet": {}}', "agnet: unknown key; did you mean 'agent'? (there is agent, "),
+        (b'{"agent": 3}', "agent: expected a table, got 3"),
     ],
 )
-def test_a_fault_is_told_in_words_at_its_place_in_a_short_file(
-    wrong: str, right: str, told: str, tmp_path: Path
-) -> None:
-    assert right in SHORT
-    assert refusal(SHORT.replace(right, wrong, 1), tmp_path).startswith(told)
+def test_of_manifests_and_records(content: bytes, told: str) -> None:
+    with pytest.raises(InvalidInputError) as error:
+        parse_manifest(content, "folder/evaluation.json", Manifest)
+    assert str(error.value).startswith(f"folder/evaluation.json: {told}")
+    for parse in (parse_record, MorningRecord.parse):
+        with pytest.raises(InvalidInputError, match=r"^here: expected (a|the) record of .*: \S") as error:
+            parse(content, "here")
+        assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "right", "told"),
-    [
-        ("{ vehicle = 3", "{ vehicles = 3", "cells.0.traffic.vehicle: unknown key; did you mean 'vehicles'? (there is"),
-        ("via = []", 'goal = { lane = "b_0" }', "missions.some.0.goal: expected a value, and there is none"),
-        ('missions = "any"', 'missions = "some"', "cell 'town': no set of missions 'any'"),
-        ('metric = "m"\ntraffic = {}', 'metric = "m"', "traffic: unknown key (there is cells, description, "),
-    ],
-)
-def test_and_in_a_file_with_cells(wrong: str, right: str, told: str, tmp_path: Path) -> None:
-    assert right in LONG
-    assert refusal(LONG.replace(right, wrong, 1), tmp_path).startswith(told)
+def test_of_signatures(tmp_path: Path) -> None:
+    record = tmp_path / "one.json"
+    signature_path(record).write_text('{"key": 3}')
+    with pytest.raises(InvalidInputError, match=r"expected a signature: \w+: expected .*, "):
+        read_signature(record)
 
 
-def test_without_a_fault_both_are_benchmarks(tmp_path: Path) -> None:
-    for text in (SHORT, LONG):
-        (tmp_path / "mine.toml").write_text(text)
-        assert load_benchmark(str(tmp_path / "mine.toml")).name == "mine"
+def test_of_a_network_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DOHYO_HOME", str(tmp_path))
+    folder = user_catalog() / "mine"
+    folder.mkdir(parents=True)
+    (folder / ENTRY).write_text('titel = "Mine"\n')
+    with pytest.raises(InvalidInputError) as error:
+        network_entry("mine")
+    assert str(error.value).startswith(f"{folder / ENTRY}: titel: unknown key; did you mean 'title'? (there is ")
+
+
+def test_of_a_place_that_the_document_has() -> None:
+    with pytest.raises(ValidationError) as error:
+        EpisodeRecord.model_validate({"scenario": {"network": 3}})
+    assert describe_fault(error.value, EpisodeRecord) == "scenario.network: expected text, got 3"

@@ -209,7 +209,7 @@ def test_a_sealed_record_of_another_shape_is_rejected(written: Path) -> None:
         document["record_hash"] = content_hash({key: document[key] for key in document if key not in OUTSIDE_THE_HASH})
 
     rewrite(written, reshape)
-    with pytest.raises(InvalidInputError, match=r"this version of dohyo writes it, but egos\.0\.colour"):
+    with pytest.raises(InvalidInputError, match=r"this version of dohyo writes it: egos\.0\.colour: unknown key"):
         read_record(written)
 
 
