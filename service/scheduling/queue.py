@@ -157,7 +157,7 @@ def take(session: Session, chosen: Waiting, live: Collection[str] = ()) -> Ticke
         chosen: The evaluation.
         live: Identifiers of episodes that are not taken, since the drive of an earlier attempt has not ended yet.
     """
-    evaluation = session.get(Evaluation, chosen.evaluation_id, with_for_update={"of": Evaluation})
+    evaluation = _hold(session, chosen.evaluation_id)
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
     query = select(Episode).where(Episode.evaluation_id == evaluation.id, *_free(live))
@@ -199,6 +199,7 @@ def finish(
     kept_bytes: int = 0,
 ) -> Progress | None:
     """Stores an episode's record, with the size of its files; None: the attempt no longer runs."""
+    _hold(session, ticket.evaluation_id)
     changed = _change(
         session,
         ticket.key,
@@ -229,6 +230,7 @@ def give_up(session: Session, ticket: Ticket, ended: AttemptEnd, most_deaths: in
     Returns:
         What follows; the progress, where the episode is lost.
     """
+    _hold(session, ticket.evaluation_id)
     if not _change(session, ticket.key, status=EpisodeStatus.RUNNING):
         return Next.NOTHING, None
     attempts.end(session, ticket.key, ended)
@@ -253,6 +255,7 @@ def requeue(session: Session, key: AttemptKey, ended: AttemptEnd) -> None:
 
 def fail(session: Session, ticket: Ticket, why: str, charged: Collection[str] = ()) -> Progress | None:
     """Fails an evaluation that cannot be driven; None: the attempt no longer runs. `charged` is that of `cancel`."""
+    _hold(session, ticket.evaluation_id)
     failed = {"status": EpisodeStatus.CANCELLED, "failure": why[:LONGEST_FAILURE], "finished": now()}
     if not _change(session, ticket.key, **failed):
         return None
@@ -306,6 +309,11 @@ def _ticket(episode: Episode, key: AttemptKey, chosen: Waiting, used_up: bool) -
     )
 
 
+def _hold(session: Session, evaluation_id: str) -> Evaluation | None:
+    """The evaluation, locked; by whoever changes its episodes before them, or two would wait for each other."""
+    return session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
+
+
 def _change(session: Session, key: AttemptKey, **values: Any) -> bool:
     """Changes the episode of a running attempt; False: it has ended, or a later one has begun."""
     wanted = update(Episode).where(key.is_latest, Episode.status == EpisodeStatus.RUNNING)
@@ -320,7 +328,7 @@ def _counts(session: Session, evaluation_id: str) -> Callable[[EpisodeStatus], i
 
 
 def _settle(session: Session, evaluation_id: str) -> Progress | None:
-    evaluation = session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
+    evaluation = _hold(session, evaluation_id)
     if evaluation is None:
         return None
     count = _counts(session, evaluation_id)
@@ -363,7 +371,7 @@ def _stop(
     why: str | None,
     charged: Collection[str] = (),
 ) -> Progress | None:
-    evaluation = session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
+    evaluation = _hold(session, evaluation_id)
     if evaluation is None or evaluation.status not in UNFINISHED:
         return None
     for key in attempts.running_attempts(session, evaluation_id):

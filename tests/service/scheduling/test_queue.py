@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from sqlalchemy import select
+from pydantic import SecretStr
+from sqlalchemy import select, text
 
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.engine import Database
@@ -16,7 +18,8 @@ from dohyo.service.scheduling import queue
 from dohyo.service.scheduling.attempts import AttemptEnd
 from dohyo.service.scheduling.queue import Next, Ticket
 from dohyo.service.submissions.model import AgentKind
-from tests.service.served import STEADY, Service, info_of, short
+from tests.service.served import STEADY, Service, info_of, short, wait_until
+from tests.service.tables import postgresql_with_tables
 
 DONE = AttemptEnd(AttemptOutcome.DONE)
 
@@ -81,6 +84,43 @@ def test_a_result_counts_once(shop: Service) -> None:
         assert queue.give_up(session, ticket, ended(AttemptOutcome.MACHINE, "late"), 10) == (Next.NOTHING, None)
         queue.requeue(session, ticket.key, ended(AttemptOutcome.MACHINE, "late"))
     assert shop.episodes(evaluation)[0].record_hash == "a" * 64
+
+
+@pytest.mark.parametrize("change", ["finish", "give_up", "fail"])
+def test_a_drive_that_ends_while_its_evaluation_is_cancelled_waits_for_it(
+    change: str, tmp_path: Path, postgres_server: str
+) -> None:
+    """With the locks in another order PostgreSQL would end one of the two as a deadlock."""
+    shop = Service(tmp_path, database=SecretStr(postgresql_with_tables(postgres_server)))
+    ticket = taken(shop, evaluation := submit(shop))
+    changes = {
+        "finish": lambda session: queue.finish(session, ticket, "a" * 64, {}, DONE),
+        "give_up": lambda session: queue.give_up(session, ticket, ended(AttemptOutcome.MACHINE), 1)[1],
+        "fail": lambda session: queue.fail(session, ticket, "why"),
+    }
+
+    def ends() -> object:
+        with shop.database.session() as session:
+            return changes[change](session)
+
+    with ThreadPoolExecutor(1) as pool:
+        with shop.database.session() as session:
+            session.get(Evaluation, evaluation, with_for_update={"of": Evaluation})
+            late = pool.submit(ends)
+            wait_until(lambda: waits_for_a_lock(shop), "it does not wait")
+            assert queue.cancel(session, evaluation) is not None
+        assert late.result(60) is None
+    assert shop.evaluation(evaluation).status is EvaluationStatus.CANCELLED
+    assert [one.status for one in shop.episodes(evaluation)] == [EpisodeStatus.CANCELLED] * 2
+    shop.close()
+
+
+def waits_for_a_lock(shop: Service) -> bool:
+    query = text(
+        "SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND datname = current_database()"
+    )
+    with shop.database.reading() as session:
+        return bool(session.scalar(query))
 
 
 def test_an_evaluation_ends_done_only_if_all_are(shop: Service) -> None:
