@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, exists, func, select
+from sqlalchemy import ColumnElement, String, cast, exists, func, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.boards.leaderboard import Driver, Entry
@@ -79,25 +80,60 @@ def benchmark_names(session: Session) -> list[str]:
     return sorted(session.scalars(select(BenchmarkVersion.name).distinct()))
 
 
-def mixed_runs(session: Session, benchmark_sha256: str, seen: ColumnElement[bool], limit: int) -> list[str]:
-    """Complete mixed runs on a benchmark version that meet a condition; of owners in turn, the newest first."""
-    return _complete_runs(session, benchmark_sha256, seen & _is_mixed(), limit)
+def mixed_runs_by_version(session: Session, benchmark_sha256: str, seen: ColumnElement[bool]) -> dict[str | None, int]:
+    """Number of complete mixed runs that meet a condition, by the version of dohyo that drove them; None: several."""
+    # The column is JSON, which PostgreSQL neither compares nor groups.
+    versions = cast(Evaluation.dohyo_versions, String)
+    query = select(versions, func.count()).where(_complete(benchmark_sha256), seen, _is_mixed()).group_by(versions)
+    found: Counter[str | None] = Counter()
+    for text, count in session.execute(query):
+        several = len(noted := json.loads(text)) != 1
+        found[None if several else noted[0]] += count
+    return found
+
+
+def mixed_runs(
+    session: Session, benchmark_sha256: str, dohyo: str | None, seen: ColumnElement[bool], limit: int
+) -> list[str]:
+    """Complete mixed runs on a benchmark version by one version of dohyo; of owners in turn, the newest first.
+
+    Args:
+        session: To read in.
+        benchmark_sha256: The benchmark's version.
+        dohyo: Version of dohyo that drove all of a run.
+        seen: Condition on `Evaluation`.
+        limit: Most runs.
+    """
+    return _complete_runs(session, benchmark_sha256, dohyo, seen & _is_mixed(), limit)
 
 
 def runs_alone(
-    session: Session, benchmark_sha256: str, submissions: Collection[str], seen: ColumnElement[bool], limit: int
+    session: Session,
+    benchmark_sha256: str,
+    dohyo: str | None,
+    submissions: Collection[str],
+    seen: ColumnElement[bool],
+    limit: int,
 ) -> list[str]:
     """The same of runs of some submissions without other agents."""
     of_those = Evaluation.submission_id.in_(submissions)
-    return _complete_runs(session, benchmark_sha256, seen & ~_is_mixed() & of_those, limit)
+    return _complete_runs(session, benchmark_sha256, dohyo, seen & ~_is_mixed() & of_those, limit)
 
 
-def _complete_runs(session: Session, benchmark_sha256: str, which: ColumnElement[bool], limit: int) -> list[str]:
-    complete = (Evaluation.benchmark_sha256 == benchmark_sha256) & (Evaluation.status == EvaluationStatus.DONE)
+def _complete_runs(
+    session: Session, benchmark_sha256: str, dohyo: str | None, which: ColumnElement[bool], limit: int
+) -> list[str]:
+    by_one = cast(Evaluation.dohyo_versions, String) == json.dumps([dohyo])
     newest = Evaluation.created.desc()
     turn = func.row_number().over(partition_by=Evaluation.owner, order_by=newest)  # one owner cannot fill the limit
-    query = select(Evaluation.id).where(complete, which).order_by(turn, newest, Evaluation.id)
+    query = (
+        select(Evaluation.id).where(_complete(benchmark_sha256), by_one, which).order_by(turn, newest, Evaluation.id)
+    )
     return list(session.scalars(query.limit(limit)))
+
+
+def _complete(benchmark_sha256: str) -> ColumnElement[bool]:
+    return (Evaluation.benchmark_sha256 == benchmark_sha256) & (Evaluation.status == EvaluationStatus.DONE)
 
 
 def _is_mixed() -> ColumnElement[bool]:

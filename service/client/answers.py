@@ -98,6 +98,8 @@ class CrossPlayView(TypedDict):
     metric: str
     description: str
     runs: int
+    dohyo_version: str | None
+    other_versions: int
     agents: list[CrossPlayAgentView]
     cells: list[CrossPlayCellView]
 

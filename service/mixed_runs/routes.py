@@ -14,6 +14,7 @@ from dohyo.service.boards.versions import VersionHash, find_version
 from dohyo.service.episodes.readers import Readers, ReadersOf
 from dohyo.service.errors import NotFoundError
 from dohyo.service.evaluations.access import Aspect, seen_by
+from dohyo.service.evaluations.versions import newest
 from dohyo.service.mixed_runs.views import CrossPlayView
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.documents import Name, problems
@@ -33,7 +34,8 @@ def get_cross_play(
     """Headline score of each agent beside each other one, from the complete mixed runs that the caller may read.
 
     An agent beside itself are its complete runs alone, with copies of itself in all egos. At most 100 runs of either
-    kind count, of their owners in turn, each owner's newest first. Runs are practice: anybody can order them, with any
+    kind count, of their owners in turn, each owner's newest first: those of the newest version of dohyo that drove a
+    mixed run, since versions may drive and judge differently. Runs are practice: anybody can order them, with any
     seeds.
     """
     document = _cross_play(services, readers, caller, name, version)
@@ -49,10 +51,12 @@ def _cross_play(
         if not isinstance(benchmark, Benchmark) or not benchmark.shared_egos:
             raise NotFoundError(f"benchmark '{name}' has no cross-play: each of its egos drives alone")
         plays, metric = readers.cross_plays, benchmark.headline
-        runs = reading.mixed_runs(session, benchmark.sha256, seen, MOST_RUNS)
+        by_version = reading.mixed_runs_by_version(session, benchmark.sha256, seen)
+        dohyo = newest([one for one in by_version if one is not None])
+        runs = reading.mixed_runs(session, benchmark.sha256, dohyo, seen, MOST_RUNS)
         mixed = plays.meetings(session, runs, metric)
         met = {own.submission for meetings in mixed.values() for own, _ in meetings}
-        runs = reading.runs_alone(session, benchmark.sha256, met, seen, MOST_RUNS)
+        runs = reading.runs_alone(session, benchmark.sha256, dohyo, met, seen, MOST_RUNS)
         alone = plays.meetings(session, runs, metric)
     return {
         "benchmark": benchmark.name,
@@ -61,5 +65,7 @@ def _cross_play(
         "metric": metric,
         "description": benchmark.metric,
         "runs": len(mixed),
+        "dohyo_version": dohyo,
+        "other_versions": sum(by_version.values()) - by_version.get(dohyo, 0),
         **plays.matrix(mixed, alone, metric),
     }

@@ -49,5 +49,9 @@ class CrossPlayView(View):
     metric: Annotated[str, Field(description="The score.", examples=["driving_score"])]
     description: Annotated[str, Field(description="What that score is.")]
     runs: Annotated[int, Field(description="Number of mixed runs that count.")]
+    dohyo_version: Annotated[
+        str | None, Field(description="The version of dohyo that drove them; null: no mixed run is of one version.")
+    ]
+    other_versions: Annotated[int, Field(description="Mixed runs of other versions, which do not count.")]
     agents: Annotated[list[CrossPlayAgentView], Field(description="The best first.")]
     cells: Annotated[list[CrossPlayCellView], Field(description="Pairs that met; others have no cell.")]

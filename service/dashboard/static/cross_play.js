@@ -66,11 +66,16 @@ async function matrix(document, path) {
     h(
       "p",
       { class: "note" },
-      `The score of the row's agent over its drives in mixed runs with the column's agent: mean, 95 % interval, number of drives, and of those lost to gridlocks, which are in no mean; from ${document.runs} mixed ${document.runs === 1 ? "run" : "runs"}, the newest of each owner, at most 100. `,
+      `The score of the row's agent over its drives in mixed runs with the column's agent: mean, 95 % interval, number of drives, and of those lost to gridlocks, which are in no mean; from ${document.runs} mixed ${document.runs === 1 ? "run" : "runs"}, the newest of each owner, at most 100${othersOf(document)}. `,
       "On the diagonal an agent drives all egos. Missions and seeds may differ between cells: the matrix shows, and does not rank.",
     ),
     h("p", { class: "links" }, h("a", { href: path }, "JSON")),
   ];
+}
+
+/** Runs that are left out, in words. */
+function othersOf({ dohyo_version: dohyo, other_versions: others }) {
+  return others ? `, all driven by dohyo ${dohyo}; ${others} of other versions do not count` : "";
 }
 
 /** A pair of agents: the higher the score, the stronger the shade. */

@@ -123,6 +123,27 @@ def test_lost_drives_are_counted_beside_the_scores(shop: Shop) -> None:
     }
 
 
+def test_runs_of_the_newest_version_of_dohyo_count(shop: Shop) -> None:
+    """Another version may drive and judge otherwise: its scores belong into no mean with those of this one."""
+    benchmark = together(shop)
+    a, b = shop.submission("a"), shop.submission("b")
+    make = {"benchmark": benchmark, "ranked": False}
+    shop.evaluation(a, [by("0.2.0", drives(90, 90, 90))], egos=others(west=b), **make)
+    shop.evaluation(a, [by("0.10.0", drives(10, 20, 60))], egos=others(west=b), **make)
+    both = [by("0.2.0", drives(80, 80, 80)), by("0.10.0", drives(80, 80, 80, seed=1))]
+    shop.evaluation(a, both, egos=others(west=b), **make)
+    shop.evaluation(a, [by("0.2.0", drives(70, 70, 70))], **make)
+    document = matrix(shop)
+    assert (document["dohyo_version"], document["runs"], document["other_versions"]) == ("0.10.0", 1, 2)
+    assert cells(document) == {("a", "b"): (15.0, 2, 1), ("b", "a"): (60.0, 1, 1)}
+    shop.evaluation(a, [by("0.10.0", drives(50, 50, 50))], **make)
+    assert cells(matrix(shop))["a", "a"] == (50.0, 3, 1)
+
+
+def by(dohyo: str, record: EpisodeRecord) -> EpisodeRecord:
+    return record.model_copy(update={"versions": record.versions.model_copy(update={"dohyo": dohyo})})
+
+
 def test_only_runs_that_the_reader_may_see_count(private_shop: Shop) -> None:
     benchmark = together(private_shop)
     a, b = private_shop.submission("a"), private_shop.submission("b")
