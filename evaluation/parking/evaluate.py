@@ -85,6 +85,7 @@ def drive_again(
     workers: int | None = None,
     tell: Tell = lambda done, total: None,
     more: Mapping[str, Any] | None = None,
+    act_deadline_s: float = ACT_DEADLINE_S,
 ) -> list[str]:
     """Drives the lots of records again; returns the new hashes, in their order.
 
@@ -93,6 +94,7 @@ def drive_again(
         workers: Number of processes; None: this one alone, where none can be started.
         tell: Called with the number of lots driven and of all lots.
         more: Keyword arguments of the agent's constructor besides those in the records, such as the path of a policy.
+        act_deadline_s: Wall-clock time allowed for one decision, s.
 
     Raises:
         InvalidInputError: The agent cannot be made, or is another one here, or the version of dohyo is another one.
@@ -105,7 +107,7 @@ def drive_again(
     info = _info(first.agent.entry, settings, first.agent.kind).model_copy(update={"settings": first.agent.settings})
     if info != first.agent:
         raise InvalidInputError(f"agent '{info.name}' has changed since the records were made, or is another one")
-    order, seeds = Order(first.benchmark, info, settings), [one.seed for one in records]
+    order, seeds = Order(first.benchmark, info, settings, act_deadline_s), [one.seed for one in records]
     drives = drive_here(order, seeds) if workers is None else drive_all(order, seeds, workers, tell)
     return [drive.record.record_hash for drive in drives]
 

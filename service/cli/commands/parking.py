@@ -80,14 +80,14 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
     console.print(f"report: {path.resolve()}", soft_wrap=True)
 
 
-def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
+def verify_parking(path: Path, trust: bool, as_json: bool, deadline_s: float) -> None:
     """Drives the lots of records again and compares the hashes. Exit code 1 if one differs.
 
     Raises:
         InvalidInputError: The records were changed, or their agent cannot be made or is not one they may choose.
     """
     records = read_records(path if path.is_file() else path / RECORDS)
-    replayed = drive_lots_again(path, records, trust, hidden=as_json)
+    replayed = drive_lots_again(path, records, trust, deadline_s, hidden=as_json)
     pairs = zip(records, replayed, strict=True)
     differing = [old.seed for old, new in pairs if old.record_hash != new]
     if as_json:
@@ -101,7 +101,12 @@ def verify_parking(path: Path, trust: bool, as_json: bool) -> None:
 
 
 def drive_lots_again(
-    path: Path, records: Sequence[ParkingRecord], trust: bool, policy: Path | None = None, hidden: bool = True
+    path: Path,
+    records: Sequence[ParkingRecord],
+    trust: bool,
+    deadline_s: float,
+    policy: Path | None = None,
+    hidden: bool = True,
 ) -> list[str]:
     """Drives the lots of records again; returns the new hashes, in their order.
 
@@ -109,6 +114,7 @@ def drive_lots_again(
         path: Place of the records, for messages.
         records: Of one agent on one benchmark.
         trust: Whether to build whatever agent they name.
+        deadline_s: Wall-clock time allowed for one decision, s.
         policy: ONNX file of their policy; None: it lies in the folder of uploaded policies.
         hidden: Whether to hide the progress bar.
 
@@ -118,7 +124,7 @@ def drive_lots_again(
     check_trusted(records[0].agent, path, trust)
     with ProgressBar(f"lots of {records[0].benchmark.name}", hidden=hidden) as tell:
         more = {} if policy is None else {"path": str(policy)}
-        return drive_again(records, os.cpu_count() or 1, tell, more)
+        return drive_again(records, os.cpu_count() or 1, tell, more, deadline_s)
 
 
 def _document(benchmark: str, records: Sequence[ParkingRecord]) -> dict[str, Any]:

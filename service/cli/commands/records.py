@@ -132,18 +132,16 @@ def verify(
 
     Exit code 1 if the hashes differ, 2 if the scenario is not that of the benchmark that the record names.
     """
-    if deadline != ACT_DEADLINE_S and (
-        is_parking_records(record) or any(of(record) for of in (is_lot, is_day, is_morning))
-    ):
-        raise InvalidInputError(f"'{record}': --deadline is for records of drives")
+    if deadline != ACT_DEADLINE_S and (is_day(record) or is_morning(record)):
+        raise InvalidInputError(f"'{record}': --deadline is for records of drives and lots")
     if is_parking_records(record):
         if key or server or signature_only or policy:
             raise InvalidInputError(f"'{record}': records of parking are not signed: expected no option but --trust")
         _check_motion(record)
-        verify_parking(record, trust, json)
+        verify_parking(record, trust, json, deadline)
         return
     if is_lot(record):
-        _verify_lot(record, key, server, signature_only, policy, trust, json)
+        _verify_lot(record, key, server, signature_only, policy, trust, json, deadline)
         return
     if is_morning(record):
         _verify_morning(record, key, server, signature_only, json)
@@ -191,13 +189,20 @@ def _check_motion(path: Path) -> None:
 
 
 def _verify_lot(
-    path: Path, key: str | None, server: str | None, signature_only: bool, policy: Path | None, trust: bool, json: bool
+    path: Path,
+    key: str | None,
+    server: str | None,
+    signature_only: bool,
+    policy: Path | None,
+    trust: bool,
+    json: bool,
+    deadline: float,
 ) -> None:
     """Checks hash, signature and motion of a lot's record, drives the lot again and compares."""
     lot = read_lot(path)
     signer = check_signature(path, lot, key, server)
     read_lot_motion(path, lot)
-    replayed = None if signature_only else drive_lots_again(path, [lot], trust, policy)[0]
+    replayed = None if signature_only else drive_lots_again(path, [lot], trust, deadline, policy)[0]
     _print_verified(path, lot, replayed, signer, "", json)
     if replayed not in (None, lot.record_hash):
         raise typer.Exit(DIFFERS)
