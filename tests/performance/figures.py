@@ -216,10 +216,13 @@ def parking() -> list[Figure]:
 
 def producers() -> list[Figure]:
     """Explorers in processes, which drive and encode."""
-    from tests.performance.producers import transitions_per_s
+    from tests.performance.producers import apart_per_s, transitions_per_s
 
-    rates = transitions_per_s()
-    return [ratio("transitions per second of two explorers", rates[2] / rates[1], "one explorer", 1.8)]
+    rates, apart = transitions_per_s(), apart_per_s()
+    return [
+        ratio("transitions per second of two explorers", rates[2] / rates[1], "one explorer", 1.8),
+        ratio("the same of two processes without a learner", apart[2] / apart[1], "one of them", None),
+    ]
 
 
 _MEASURED = (

@@ -7,8 +7,11 @@ The time is that of the clock, so that a busy machine tells less than two idle c
 
 from __future__ import annotations
 
+import multiprocessing
 import statistics
 import time
+from multiprocessing.queues import SimpleQueue
+from multiprocessing.synchronize import Barrier
 
 import numpy as np
 import torch
@@ -22,6 +25,7 @@ from dohyo.agents.learning.experience.collector import Collector
 BLOCKS, STEPS = 7, 60
 BEGIN_AFTER = 12
 """As in `agents/gri/configs/griad.toml`."""
+APART_S = 15.0
 STRAIGHT_ON = nearest(np.array([2.0, 0.0]))
 """The choice that accelerates and does not steer; episodes end and begin as in a training."""
 
@@ -49,3 +53,32 @@ def transitions_per_s(most: int = 2) -> dict[int, float]:
         for environments in made.values():
             environments.close()
     return {count: statistics.median(values) for count, values in rates.items()}
+
+
+def apart_per_s(most: int = 2) -> dict[int, float]:
+    """The same of processes that wait for nobody: what the cores of the machine have to give."""
+    context, rates = multiprocessing.get_context("spawn"), dict[int, float]()
+    for count in range(1, most + 1):
+        together, told = context.Barrier(count), context.SimpleQueue()
+        processes = [context.Process(target=_drive, args=(seed, together, told)) for seed in range(count)]
+        for process in processes:
+            process.start()
+        rates[count] = sum(told.get() for _ in processes)
+        for process in processes:
+            process.join()
+    return rates
+
+
+def _drive(seed: int, together: Barrier, told: SimpleQueue[float]) -> None:
+    """Tells the transitions per second of one environment, beginning when all others have."""
+    env, steps = DrivingTask("pictures").make_env(seed), 0
+    env.reset(seed=seed)
+    together.wait()
+    began = time.perf_counter()
+    while time.perf_counter() < began + APART_S:
+        _, _, terminated, truncated, _ = env.step(STRAIGHT_ON)
+        steps += 1
+        if terminated or truncated:
+            env.reset(seed=(seed := seed + 2))
+    told.put(steps / (time.perf_counter() - began))
+    env.close()

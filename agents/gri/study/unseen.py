@@ -61,7 +61,7 @@ def unseen_study(
         tables={
             published: partial(success, reported),
             f"{published}-infractions": infractions,
-            f"{published}-claims": claims_section(judged, ("claim", "on"), shown=rounded),
+            f"{published}-claims": claims_section(judged, ("claim", "on", "measure"), shown=rounded),
         },
         together=lambda cell: (cell.arm, cell.training_seed, cell.scenario.rpartition(".")[0]),
         trainings=own_trainings,
