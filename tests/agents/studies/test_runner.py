@@ -146,13 +146,14 @@ def trained_beside_another(job, runs: Path):
     """Trains the arm of a job, unless that is done; a training goes on until another one has begun, or is done."""
 
     def train(folder: Path) -> None:
+        if (folder / "best.onnx").exists():
+            return  # as a training that is done: jobs that only read it do not exclude each other
         with held(folder):
-            if not (folder / "best.onnx").exists():
-                with (runs / "log").open("a") as file:
-                    file.write(f"{folder.relative_to(runs)}\n")
-                until(lambda: len(list(runs.glob("*/*"))) > 1)
-                time.sleep(0.2)
-                (folder / "best.onnx").touch()
+            with (runs / "log").open("a") as file:
+                file.write(f"{folder.relative_to(runs)}\n")
+            until(lambda: len(list(runs.glob("*/*"))) > 1)
+            time.sleep(0.2)
+            (folder / "best.onnx").touch()
 
     TrainedOptions(runs=runs).trained(*arm_and_seed(job[0]), train)
     yield from measured(job)
