@@ -36,7 +36,7 @@ from dohyo.evaluation.agent import Agent, make_agent
 from dohyo.evaluation.report.style import MISSING, markdown
 
 Reported = Mapping[str, tuple[float, ...]]
-
+"""Numbers of the thesis by arm."""
 UNSEEN: Final = Sample("nocrash", tuple(f"town-test.{traffic}.test" for traffic in TRAFFIC))
 
 
