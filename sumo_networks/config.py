@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.faults import describe_fault
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")]
 """A name that may be part of a file name."""
@@ -16,6 +21,20 @@ class Config(BaseModel):
     """Base of everything read from TOML or stored in a record: immutable, and unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    @classmethod
+    def read_toml(cls, path: Path) -> Self:
+        """Reads a TOML file.
+
+        Raises:
+            InvalidInputError: It is no TOML, or has a fault; the message names the file and the place.
+        """
+        try:
+            return cls.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        except ValidationError as error:
+            raise InvalidInputError(f"{path}: {describe_fault(error, cls)}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InvalidInputError(f"{path}: {error}") from error
 
 
 class Place(Config):

@@ -310,7 +310,7 @@ def _ticket(episode: Episode, key: AttemptKey, chosen: Waiting, used_up: bool) -
 
 
 def _hold(session: Session, evaluation_id: str) -> Evaluation | None:
-    """The evaluation, locked; by whoever changes its episodes before them, or two would wait for each other."""
+    """The evaluation, locked. A change of its episodes locks it first, or two changes would wait for each other."""
     return session.get(Evaluation, evaluation_id, with_for_update={"of": Evaluation})
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from pydantic import ValidationError
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import network_folder
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -169,13 +166,7 @@ def load_freeway(name: str = "freeway") -> FreewayRoad:
     path = network_folder(name) / MAINLINE
     if not path.is_file():
         raise InvalidInputError(f"network '{name}' is no freeway: expected '{MAINLINE}' in its folder")
-    try:
-        mainline = Mainline.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        raise InvalidInputError(f"{path}: {describe_fault(error, Mainline)}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path}: {error}") from error
-    return _laid_out(network, mainline)
+    return _laid_out(network, Mainline.read_toml(path))
 
 
 def _laid_out(network: RoadNetwork, mainline: Mainline) -> FreewayRoad:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 
 import sumo
-from pydantic import ValidationError
 
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
-from dohyo.sumo_networks.faults import describe_fault
 
 CATALOG = Path(__file__).parents[1] / "catalog"
 ENTRY = "network.toml"
@@ -151,12 +148,7 @@ def _entry_in(folder: Path) -> NetworkEntry:
 
 @lru_cache(maxsize=64)  # a scenario is drawn from hundreds of attempts, and each loads its network by name
 def _read_entry(path: Path, _mtime_ns: int, _size: int) -> NetworkEntry:
-    try:
-        return NetworkEntry.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except ValidationError as error:
-        raise InvalidInputError(f"{path}: {describe_fault(error, NetworkEntry)}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{path}: {error}") from error
+    return NetworkEntry.read_toml(path)
 
 
 def _names(catalog: Path) -> list[str]:

@@ -1,3 +1,3 @@
 """Study of GRI: its arms, trainings, judgements and tables."""
 
-STUDIES = {"gri": "study", "griad": "unseen", "griad-pictures": "pictures"}
+STUDIES = {"gri": "study", "griad": "states", "griad-pictures": "pictures"}

@@ -1,10 +1,7 @@
-"""Where the thesis makes its claims: trained drivers in NoCrash's unseen town under unseen conditions.
+"""Studies where the thesis makes its claims: trained drivers in NoCrash's unseen town under unseen conditions.
 
-    python -m dohyo.agents.studies griad run --set runs=out/gri --arms driving-full-iqn-p25 --trainings 0
-    python -m dohyo.agents.studies griad table --rows out/studies/griad
-
-Arms and trainings are those of the study `gri`: whichever study comes first trains them. The last policy of a training
-drives, on the same missions as all others. `griad` is row 4, from the exact state.
+Arms and trainings are those of the study `gri`: the study that comes first trains them. The last policy of a training
+drives, on the same missions as all others.
 """
 
 from __future__ import annotations
@@ -24,7 +21,7 @@ from dohyo.agents.gri.study.arms import ARMS, PROBLEMS
 from dohyo.agents.gri.study.study import Options, policy_of
 from dohyo.agents.registry import resolve
 from dohyo.agents.studies.arms import Block, Cell, cells_of
-from dohyo.agents.studies.claims import Claim, of_ablation
+from dohyo.agents.studies.claims import Claim
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row, by_arm, infractions_per_km
 from dohyo.agents.studies.runner import Job
@@ -125,27 +122,3 @@ def infractions(results: Results) -> str:
 
 def _there(row: Row, where: str) -> bool:
     return where == "" or bool(of_traffic([row], where))
-
-
-GRIAD, ALONE = "driving-full-iqn-p25", "driving-full-iqn-p0"
-CLAIMS: Final = of_ablation(
-    4,
-    *(Claim(GRIAD, ">", ALONE, "success", traffic) for traffic in (*TRAFFIC, "")),
-    Claim(GRIAD, ">", f"{ALONE}-long", "success"),
-    Claim("driving-full-iqn-sqil", "<", GRIAD, "success"),
-    Claim("driving-full-iqn-p100", "<", ALONE, "success"),
-)
-STUDY: Final = unseen_study(
-    "driving-full",
-    CLAIMS,
-    {
-        ALONE: (60.6, 59.3, 40.0),
-        f"{ALONE}-long": (62.0, 56.7, 46.0),
-        GRIAD: (68.7, 63.3, 52.0),
-        "driving-full-iqn-p100": (0.0, 0.0, 0.0),
-        "driving-full-iqn-sqil": (0.0, 0.0, 0.0),
-    },
-    "unseen",
-    "GRIAD in NoCrash's unseen town under unseen conditions, beside its algorithm alone",
-)
-"""Row 4; the thesis's numbers are of its table 4.2 and its text."""

@@ -21,7 +21,7 @@ export async function crossPlay(benchmark, egos, version) {
     ? [h("h2", {}, "Cross-play"), h("p", { class: "problem" }, document.failure)]
     : document.agents.length
       ? await matrix(document, path)
-      : empty(benchmark, egos);
+      : empty(benchmark, egos, document.other_versions);
   return h("section", { class: "cross-play", "aria-label": "Cross-play" }, content);
 }
 
@@ -91,10 +91,11 @@ function cell(found, itself, { top }) {
   );
 }
 
-function empty(benchmark, egos) {
+function empty(benchmark, egos, others) {
+  const why = others ? `No mixed run of one version of dohyo yet, and ${others} of several.` : "No mixed run yet.";
   return [
     h("h2", {}, "Cross-play"),
-    h("p", {}, "No mixed run yet. This command drives one, in which two submitted agents meet:"),
+    h("p", {}, `${why} This command drives one, in which two submitted agents meet:`),
     h(
       "div",
       { class: "example" },

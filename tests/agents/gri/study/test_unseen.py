@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.agents.gri.study import pictures, unseen
+from dohyo.agents.gri.study import pictures, states, unseen
 from dohyo.agents.gri.study.arms import ARMS
 from dohyo.agents.gri.study.experts import prepare, problem_of
 from dohyo.agents.gri.study.study import Options
@@ -16,7 +16,7 @@ from dohyo.agents.studies.study import Results
 from dohyo.sumo_networks.errors import SimulationError
 
 GRIAD, ALONE = "driving-full-iqn-p25", "driving-full-iqn-p0"
-CELLS = unseen.STUDY.cells(Options())
+CELLS = states.STUDY.cells(Options())
 
 
 def rows(arm: str, successes: int) -> list[Row]:
@@ -44,11 +44,11 @@ def test_all_arms_drive_the_same_missions_where_nobody_learned() -> None:
 
 def test_tables_tell_success_beside_the_thesis_and_decide() -> None:
     results = Results([*rows(GRIAD, 20), *rows(ALONE, 10)], {})
-    line = next(one for one in unseen.STUDY.tables["unseen"](results).splitlines() if "GRIAD" in one)
+    line = next(one for one in states.STUDY.tables["unseen"](results).splitlines() if "GRIAD" in one)
     assert line.startswith("| GRIAD, 3 to 1 | 3 | 100,000 | 225 | 80.0 [")
     assert line.endswith("| 68.7 / 63.3 / 52 |")
     assert "| IQN alone | 112.5 | 0.00 | 2.00 |" in unseen.infractions(results)
-    claims = unseen.STUDY.tables["unseen-claims"](results)
+    claims = states.STUDY.tables["unseen-claims"](results)
     assert [one.split("|")[2].strip() for one in claims.splitlines()[2:]] == ["empty", "regular", "dense", ""]
     assert claims.count("reproduced") == 4
 
