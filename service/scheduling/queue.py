@@ -241,16 +241,15 @@ def give_up(session: Session, ticket: Ticket, ended: AttemptEnd, most_deaths: in
         why = f"{ended.why} (resume drives it once more)"[:LONGEST_FAILURE]
         _change(session, ticket.key, status=EpisodeStatus.LOST, failure=why, finished=now())
         return Next.LOST, _settle(session, ticket.evaluation_id)
-    requeue(session, ticket.key, ended)
+    _requeue(session, ticket.key, ended)
     return Next.AGAIN, None
 
 
 def requeue(session: Session, key: AttemptKey, ended: AttemptEnd) -> None:
     """Ends a running attempt and returns its episode to the queue; it is driven again from its seed."""
-    count = Episode.attempts - 1 if ended.outcome in UNCOUNTED else Episode.attempts
-    failure = ended.why[:LONGEST_FAILURE] if ended.why else None
-    if _change(session, key, status=EpisodeStatus.QUEUED, attempts=count, failure=failure, started=None):
-        attempts.end(session, key, ended)
+    evaluation_id = session.scalar(select(Episode.evaluation_id).where(Episode.id == key.episode_id))
+    if evaluation_id is not None and _hold(session, evaluation_id) is not None:
+        _requeue(session, key, ended)
 
 
 def fail(session: Session, ticket: Ticket, why: str, charged: Collection[str] = ()) -> Progress | None:
@@ -307,6 +306,14 @@ def _ticket(episode: Episode, key: AttemptKey, chosen: Waiting, used_up: bool) -
         act_deadline_s=evaluation.act_deadline_s,
         agent_seed=agent_seed(evaluation.agent_secret, episode.position),
     )
+
+
+def _requeue(session: Session, key: AttemptKey, ended: AttemptEnd) -> None:
+    """`requeue` for an episode whose evaluation is locked."""
+    count = Episode.attempts - 1 if ended.outcome in UNCOUNTED else Episode.attempts
+    failure = ended.why[:LONGEST_FAILURE] if ended.why else None
+    if _change(session, key, status=EpisodeStatus.QUEUED, attempts=count, failure=failure, started=None):
+        attempts.end(session, key, ended)
 
 
 def _hold(session: Session, evaluation_id: str) -> Evaluation | None:

@@ -86,7 +86,7 @@ def test_a_result_counts_once(shop: Service) -> None:
     assert shop.episodes(evaluation)[0].record_hash == "a" * 64
 
 
-@pytest.mark.parametrize("change", ["finish", "give_up", "fail"])
+@pytest.mark.parametrize("change", ["finish", "give_up", "requeue", "fail"])
 def test_a_drive_that_ends_while_its_evaluation_is_cancelled_waits_for_it(
     change: str, tmp_path: Path, postgres_server: str
 ) -> None:
@@ -96,6 +96,7 @@ def test_a_drive_that_ends_while_its_evaluation_is_cancelled_waits_for_it(
     changes = {
         "finish": lambda session: queue.finish(session, ticket, "a" * 64, {}, DONE),
         "give_up": lambda session: queue.give_up(session, ticket, ended(AttemptOutcome.MACHINE), 1)[1],
+        "requeue": lambda session: queue.requeue(session, ticket.key, ended(AttemptOutcome.DRAINED)),
         "fail": lambda session: queue.fail(session, ticket, "why"),
     }
 
