@@ -10,6 +10,7 @@ With `gri.p_demo=0` it is the algorithm alone.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -24,11 +25,13 @@ from dohyo.agents.learning.algorithms.off_policy import make_replay
 from dohyo.agents.learning.algorithms.sac import SacConfig
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.demonstrations import INDEX, Demonstrations, record_demonstrations
+from dohyo.agents.learning.experience.explorers import Explorers
 from dohyo.agents.learning.gymnasium.task import OFF_POLICY, GymnasiumTask
-from dohyo.agents.learning.runs.config import Positive, RunConfig
+from dohyo.agents.learning.runs.config import Positive
+from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.runs.training import Learner, train_task
+from dohyo.agents.learning.runs.training import Learner, train_off_policy
 from dohyo.agents.learning.tasks.task import Task, check_task
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -39,7 +42,7 @@ RECORDED_WITH: Final = 1_000_000
 """Seed of the recordings: all trainings of a study learn from the same demonstrations."""
 
 
-class GriRunConfig(RunConfig):
+class GriRunConfig(OffPolicyRunConfig):
     """A training with GRI.
 
     Attributes:
@@ -87,7 +90,7 @@ def task_of(env: str, first: int, episodes: int) -> Task:
     return GymnasiumTask(env, episodes, first) if sight is None else DrivingTask(sight, episodes, first)
 
 
-def make_learner(settings: GriRunConfig, task: Task, collector: Collector, run: TaskRun) -> Learner:
+def make_learner(settings: GriRunConfig, task: Task, collector: Collector | Explorers, run: TaskRun) -> Learner:
     """Learner of the algorithm that the settings name, with demonstrations in its replay if there are any."""
     kind, config, gri = OFF_POLICY[settings.algorithm], getattr(settings, settings.algorithm), settings.gri
     if gri.p_demo == 0.0:
@@ -143,7 +146,7 @@ def _train(settings: GriRunConfig, request: TrainRequest) -> Path:
         raise InvalidInputError(f"task '{task.name}' has no expert: expected 'expert', 'demonstrations' or p_demo = 0")
     if settings.gri.p_demo and settings.expert and not settings.demonstrations:
         expert_policy(Path(settings.expert), task)  # before anything is written
-    return train_task(lambda collector, run: make_learner(settings, task, collector, run), task, settings, request)
+    return train_off_policy(partial(make_learner, settings, task), task, settings, request)
 
 
 GRI = Trainer("driving, or any gymnasium environment, with demonstrations (GRI)", GriRunConfig, _train)

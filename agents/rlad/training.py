@@ -21,11 +21,13 @@ from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.off_policy import Augment, make_replay
 from dohyo.agents.learning.algorithms.sac import Auxiliary, Sac, SacConfig
 from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.explorers import Explorers
 from dohyo.agents.learning.experience.replay import ReplayConfig
-from dohyo.agents.learning.runs.config import Positive, RunConfig
+from dohyo.agents.learning.runs.config import Positive
+from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.runs.training import Learner, train_task
+from dohyo.agents.learning.runs.training import Learner, train_off_policy
 from dohyo.agents.perception.augmentation import of_transitions, random_shift
 from dohyo.agents.rlad.light_loss import LightLoss
 from dohyo.agents.rlad.rivals.curl import Contrast, two_views
@@ -48,7 +50,7 @@ class RladConfig(SacConfig):
     learning_starts: int = 1000
 
 
-class RladRunConfig(RunConfig):
+class RladRunConfig(OffPolicyRunConfig):
     """A training of RLAD or of a rival.
 
     Attributes:
@@ -75,7 +77,7 @@ class RladRunConfig(RunConfig):
         return EndlessDriving(self.town)
 
 
-def make_learner(settings: RladRunConfig, collector: Collector, run: TaskRun) -> Learner:
+def make_learner(settings: RladRunConfig, collector: Collector | Explorers, run: TaskRun) -> Learner:
     """The learner that the settings name."""
     task, town = settings.task, settings.town
     config: Any = settings.drq_v2 if settings.algorithm == "drq-v2" else settings.sac
@@ -112,7 +114,7 @@ def _auxiliary(settings: RladRunConfig, latent: Latent) -> list[Auxiliary]:
 def _train(settings: RladRunConfig, request: TrainRequest) -> Path:
     if settings.algorithm != "rlad" and settings.town.view == "state":
         raise InvalidInputError(f"'{settings.algorithm}' learns from pictures: expected town.view = 'picture'")
-    return train_task(partial(make_learner, settings), settings.task, settings, request)
+    return train_off_policy(partial(make_learner, settings), settings.task, settings, request)
 
 
 RLAD = Trainer(

@@ -18,10 +18,11 @@ from dohyo.agents.endless_driving.observation import PICTURE
 from dohyo.agents.endless_driving.task import EndlessDriving
 from dohyo.agents.learning.algorithms.off_policy import Augment, make_replay
 from dohyo.agents.learning.experience.collector import Collector
-from dohyo.agents.learning.runs.config import RunConfig
+from dohyo.agents.learning.experience.explorers import Explorers
+from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.runs.training import Learner, train_task
+from dohyo.agents.learning.runs.training import Learner, train_off_policy
 from dohyo.agents.perception.augmentation import colour_jitter, gaussian_blur, of_transitions, random_shift
 from dohyo.agents.rlfold.rlfold import EXTRAS, Rlfold, RlfoldConfig
 
@@ -29,7 +30,7 @@ TOWN = TownConfig(max_speed=5.0, frames=2, history=1, obey_lights=False)
 """Table 3.2 and the author's release: 5 m/s, two frames, the last speed and steering, and no lights."""
 
 
-class RlfoldRunConfig(RunConfig):
+class RlfoldRunConfig(OffPolicyRunConfig):
     """A training of RLfOLD.
 
     Attributes:
@@ -53,7 +54,7 @@ class RlfoldRunConfig(RunConfig):
         return EndlessDriving(self.town, self.expert if asked else None)
 
 
-def make_learner(settings: RlfoldRunConfig, collector: Collector, run: TaskRun) -> Learner:
+def make_learner(settings: RlfoldRunConfig, collector: Collector | Explorers, run: TaskRun) -> Learner:
     """The learner of a run."""
     task, config = settings.task, settings.rlfold
     extras = EXTRAS if task.has_expert else {}
@@ -78,7 +79,7 @@ def _changed(pictures: Tensor, generator: Generator, pad: int) -> Tensor:
 
 def _train(settings: RlfoldRunConfig, request: TrainRequest) -> Path:
     check_expert(settings.expert.name)  # environments in processes begin later
-    return train_task(partial(make_learner, settings), settings.task, settings, request)
+    return train_off_policy(partial(make_learner, settings), settings.task, settings, request)
 
 
 RLFOLD = Trainer("target speed and steering by RLfOLD: SAC, an expert's labels, and a gate", RlfoldRunConfig, _train)

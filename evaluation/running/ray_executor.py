@@ -208,13 +208,13 @@ class _Crew:
         return lost_episode(job, Status.SIMULATION, f"Ray lost its worker: {reason}")
 
 
-def as_actor(ray: Any, station: type[Station]) -> Any:
-    """A station as a class of Ray actors, which answer checks while they drive."""
-    return ray.remote(num_cpus=1, max_restarts=0, max_concurrency=2)(station)
+def as_actor(ray: Any, actor: type[ClusterActor]) -> Any:
+    """A class of Ray actors, which answer checks while they drive."""
+    return ray.remote(num_cpus=1, max_restarts=0, max_concurrency=2)(actor)
 
 
 def lost_calls(ray: Any, calls: Mapping[Any, Any]) -> list[Any]:
-    """Calls of stations that will never be answered.
+    """Calls of actors that will never be answered.
 
     After a link was down for a while, Ray may know an actor as alive and never deliver its answer.
 
@@ -223,7 +223,7 @@ def lost_calls(ray: Any, calls: Mapping[Any, Any]) -> list[Any]:
         calls: Actor of each call, by Ray's reference to the result.
 
     Returns:
-        Calls whose station does not answer a check, or has ended them without an answer here.
+        Calls whose actor does not answer a check, or has ended them without an answer here.
     """
     checks = {call: actor.has_ended.remote(call.task_id().hex()) for call, actor in calls.items()}
     if checks:
@@ -240,11 +240,11 @@ def _is_ended(ray: Any, check: Any) -> bool:
         return True
 
 
-class Station:
-    """Ray actor with one worker process; it returns records as values instead of files."""
+class ClusterActor:
+    """Ray actor that finds the modules of its driver, and answers while a call runs."""
 
     def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
-        """Starts the worker process.
+        """Prepares the process.
 
         Args:
             search_path: Python path of the driver, so that the process finds the same modules if this machine has them.
@@ -254,7 +254,7 @@ class Station:
         if threads is not None:
             os.environ[THREADS] = threads
         sys.path += [entry for entry in search_path if entry not in sys.path and Path(entry).exists()]
-        self._worker, self._ended = Worker(), set[str]()
+        self._ended = set[str]()
 
     def ready(self) -> None:
         """Returns once the actor is running."""
@@ -270,6 +270,15 @@ class Station:
             yield
         finally:
             self._ended.add(require_ray().get_runtime_context().get_task_id())
+
+
+class Station(ClusterActor):
+    """Actor with one worker process; it returns records as values instead of files."""
+
+    def __init__(self, search_path: Sequence[str], threads: str | None) -> None:
+        """See `ClusterActor`; starts the worker process."""
+        super().__init__(search_path, threads)
+        self._worker = Worker()
 
     def drive(self, job: Job) -> tuple[EpisodeRecord, dict[str, Any]]:
         """Drives one job.

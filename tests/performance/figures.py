@@ -220,7 +220,7 @@ def producers() -> list[Figure]:
 
     rates, apart = transitions_per_s(), apart_per_s()
     return [
-        ratio("transitions per second of two explorers", rates[2] / rates[1], "one explorer", 1.8),
+        ratio("steps per second of two explorers", rates[2] / rates[1], "one explorer", 1.8),
         ratio("the same of two processes without a learner", apart[2] / apart[1], "one of them", None),
     ]
 

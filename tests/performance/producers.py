@@ -20,39 +20,38 @@ from tensordict import TensorDict
 from dohyo.agents.gri.driving.choices import nearest
 from dohyo.agents.gri.driving.task import DrivingTask
 from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
-from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.explorers import Explorers
 
-BLOCKS, STEPS = 7, 60
-BEGIN_AFTER = 12
-"""As in `agents/gri/configs/griad.toml`."""
+BLOCKS, STRETCHES = 7, 4
+STRETCH = 50
+"""Steps, as in `agents/gri/configs/griad.toml`."""
 APART_S = 15.0
 STRAIGHT_ON = nearest(np.array([2.0, 0.0]))
 """The choice that accelerates and does not steer; episodes end and begin as in a training."""
 
 
 def transitions_per_s(most: int = 2) -> dict[int, float]:
-    """By number of processes, the median over blocks that alternate."""
-    task = DrivingTask("pictures")
-    torch.set_num_threads(1)
-    made = {count: task.make_environments(count, processes=True) for count in range(1, most + 1)}
-    collectors = {
-        count: Collector(environments, task, seed=0, begin_after=BEGIN_AFTER) for count, environments in made.items()
-    }
+    """By number of explorers, the median over blocks that alternate."""
+    made = {count: Explorers(DrivingTask("pictures"), 0, count, STRETCH) for count in range(1, most + 1)}
     rates: dict[int, list[float]] = {count: [] for count in made}
     try:
         for block in range(BLOCKS + 1):
-            for count, collector in collectors.items():
-                action = torch.full((count,), STRAIGHT_ON)
-                holds = PolicyBehaviour(lambda seen, action=action: TensorDict({"action": action}, seen.batch_size))
-                began, before = time.perf_counter(), collector.steps
-                for _ in range(STEPS):
-                    collector.step(holds)
+            for count, explorers in made.items():
+                began, before = time.perf_counter(), explorers.steps
+                for _ in explorers.round(STRETCHES * STRETCH):
+                    explorers.send(PolicyBehaviour(straight_on))
+                    list(explorers.received())
                 if block:  # the first one starts the simulations
-                    rates[count].append((collector.steps - before) / (time.perf_counter() - began))
+                    rates[count].append((explorers.steps - before) / (time.perf_counter() - began))
     finally:
-        for environments in made.values():
-            environments.close()
+        for explorers in made.values():
+            explorers.close()
     return {count: statistics.median(values) for count, values in rates.items()}
+
+
+def straight_on(seen: TensorDict) -> TensorDict:
+    """A policy that accelerates and does not steer."""
+    return TensorDict({"action": torch.full((len(seen),), STRAIGHT_ON)}, seen.batch_size)
 
 
 def apart_per_s(most: int = 2) -> dict[int, float]:

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, Act, Behaviour, PolicyBehaviour
 from dohyo.agents.learning.experience.collector import Collector, Finished, outcome
+from dohyo.agents.learning.experience.explorers import Explorers
 from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.networks.modules import ObservationEncoder, evaluating
@@ -106,7 +107,7 @@ class OffPolicy(ABC, Generic[C]):
     def __init__(
         self,
         task: Task,
-        collector: Collector,
+        collector: Collector | Explorers,
         replay: Replay,
         config: C,
         device: torch.device,
@@ -118,7 +119,7 @@ class OffPolicy(ABC, Generic[C]):
 
         Args:
             task: What is learned; its actions are of the algorithm's kind.
-            collector: Of the task.
+            collector: Of the task, or explorers, which act by copies of this learner.
             replay: See `make_replay`.
             config: Settings.
             device: Of networks and batches.
@@ -137,6 +138,7 @@ class OffPolicy(ABC, Generic[C]):
         self._shares = {DEMONSTRATOR: config.demonstrated_share} if config.demonstrated_share else {}
         self._unit = ActionVector(space).to(device)
         self._due = 0.0  # gradient steps that are due
+        self._taken = 0  # environment steps when the present actions are chosen
         self.updates = 0
         self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
         self.build(int(self.encoder.features))  # type: ignore[arg-type]
@@ -179,12 +181,13 @@ class OffPolicy(ABC, Generic[C]):
         sums: dict[str, Tensor] = {}
         before = self.updates
         for _ in self._collector.round(self._config.round_steps):
-            steps = self._collector.steps
+            self._taken = self._collector.steps
             self._collector.send(self._behaviour)
             self._update(sums)
-            self.replay.add(self._collector.receive())
+            for step in self._collector.received():
+                self.replay.add(step)
             if self._collector.steps > self._config.learning_starts:
-                self._due += self._config.updates_per_step * (self._collector.steps - steps)
+                self._due += self._config.updates_per_step * (self._collector.steps - self._taken)
         means = {name: float(total) / (self.updates - before) for name, total in sums.items()}
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
         finished = self._collector.finished()
@@ -236,9 +239,19 @@ class OffPolicy(ABC, Generic[C]):
         self.replay.restore(state["replay"])
         self.updates, self._due = state["updates"], state["due"]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What acts: an explorer in another process has no collector, no replay and no optimiser, and cannot learn."""
+        learning = ("_collector", "replay", "_augment", "_behaviour")
+        acting = {
+            name: part
+            for name, part in self.__dict__.items()
+            if name not in learning and not isinstance(part, torch.optim.Optimizer)
+        }
+        return acting | {"_device": torch.device("cpu")}
+
     def _choose(self, observation: TensorDict) -> TensorDict:
         """Actions with exploration; random ones before the learning starts."""
-        if self._collector.steps < self._config.learning_starts:
+        if self._taken < self._config.learning_starts:
             count = len(observation)
             if isinstance(self._space, Discrete):
                 action = torch.randint(int(self._space.n), (count,))

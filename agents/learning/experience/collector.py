@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ logger = logging.getLogger(__name__)
 
 MAX_LOST = 5
 """Number of consecutive lost episodes that ends a run."""
+EVERY = slice(0, None, 1)
+"""Numbers of the episodes of a run with one collector."""
 
 
 class Finished(NamedTuple):
@@ -81,7 +83,9 @@ class Collector:
         group_size: Rows of one simulation, which are reset together.
     """
 
-    def __init__(self, environments: Environments, task: Task, seed: int, begin_after: int = 0) -> None:
+    def __init__(
+        self, environments: Environments, task: Task, seed: int, begin_after: int = 0, numbers: slice = EVERY
+    ) -> None:
         """Prepares; the first episodes begin with the first step.
 
         Args:
@@ -89,13 +93,15 @@ class Collector:
             task: Of them.
             seed: Of the run.
             begin_after: Steps that a row sits out, see the class; 0: all rows wait for the one that begins.
+            numbers: Start and step of the episodes' numbers, where several collectors share a run.
         """
         self._environments, self._task, self._seed = environments, task, seed
         self._begin_after, count = begin_after, environments.num_envs
         self.group_size: int = getattr(environments, "group_size", 1)
         self._asynchronous = hasattr(environments, "step_async")
         self.observation: dict[str, Array] = {}
-        self._next, self.steps, self.finished_count, self.lost_count = 0, 0, 0, 0
+        self._next, self._stride = numbers.start, numbers.step
+        self.steps, self.finished_count, self.lost_count = 0, 0, 0
         self._lost_in_a_row, self.cut_at, self._left = 0, 0, 0
         self._progress = Progress(task.curriculum)
         self._finished: list[Finished] = []
@@ -200,6 +206,10 @@ class Collector:
         self._fresh = cut
         return step
 
+    def received(self) -> Iterator[TensorDict]:
+        """The one step that `receive` waits for, as what is learned from a step at a time."""
+        yield self.receive()
+
     def finished(self) -> list[Finished]:
         """Hands over the episodes that have ended since the last call."""
         finished, self._finished = self._finished, []
@@ -300,7 +310,7 @@ class Collector:
             groups = np.flatnonzero(rows.reshape(-1, self.group_size).any(axis=1))
             for group in groups.tolist():
                 members = slice(group * self.group_size, (group + 1) * self.group_size)
-                self._numbers[members], self._next = self._next, self._next + 1
+                self._numbers[members], self._next = self._next, self._next + self._stride
             for row in np.flatnonzero(rows).tolist():
                 self._progress.end(row, None)  # of a group whose simulation failed while it started
             numbers = self._numbers.tolist()

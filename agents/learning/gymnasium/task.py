@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,12 +22,14 @@ from dohyo.agents.learning.algorithms.ppo import Ppo, ppo_actor
 from dohyo.agents.learning.algorithms.ppo_config import PpoConfig
 from dohyo.agents.learning.algorithms.sac import Sac, SacConfig
 from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.explorers import Explorers
 from dohyo.agents.learning.gymnasium.spaces import in_our_form
 from dohyo.agents.learning.networks.modules import ObservationEncoder
-from dohyo.agents.learning.runs.config import Positive, RunConfig
+from dohyo.agents.learning.runs.config import Positive
+from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
-from dohyo.agents.learning.runs.training import train_task
+from dohyo.agents.learning.runs.training import Learner, train_off_policy, train_task
 from dohyo.agents.learning.tasks.task import Env, Environments, Task, check_task, named
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -36,7 +38,7 @@ REMOTE = "dohyo/Remote-v0"
 OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
 
 
-class GymnasiumConfig(RunConfig):
+class GymnasiumConfig(OffPolicyRunConfig):
     """A run on a gymnasium environment.
 
     Attributes:
@@ -131,10 +133,15 @@ class GymnasiumTask(Task):
         return gymnasium.make_vec(REMOTE, num_envs=count, vectorization_mode="vector_entry_point", url=self.env)
 
 
-def make_learner(task: Task, settings: GymnasiumConfig, run: TaskRun, collector: Collector) -> Any:
-    """Learner of the algorithm that the settings name."""
-    if settings.algorithm == "ppo":
-        return Ppo(task, collector, settings.ppo, run.device, settings.seed)
+def make_ppo(task: Task, settings: GymnasiumConfig, collector: Collector, run: TaskRun) -> Learner:
+    """Learner by PPO."""
+    return Ppo(task, collector, settings.ppo, run.device, settings.seed)
+
+
+def make_off_policy(
+    task: Task, settings: GymnasiumConfig, collector: Collector | Explorers, run: TaskRun
+) -> Sac | Ddpg | Iqn:
+    """Learner of the off-policy algorithm that the settings name."""
     config = getattr(settings, settings.algorithm)
     replay = make_replay(task, run, config, rows=len(collector))
     return OFF_POLICY[settings.algorithm](task, collector, replay, config, run.device)
@@ -145,6 +152,8 @@ def check_fit(task: Task, settings: GymnasiumConfig) -> None:
     check_task(task)
     encoder = ObservationEncoder(named(task.observation_space))
     if settings.algorithm == "ppo":
+        if settings.explorers:
+            raise InvalidInputError("ppo learns from its own policy's steps alone: expected explorers = 0")
         ppo_actor(encoder.features, task.action_space, settings.ppo)
     else:
         OFF_POLICY[settings.algorithm].check(task)
@@ -153,7 +162,9 @@ def check_fit(task: Task, settings: GymnasiumConfig) -> None:
 def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:
     task = GymnasiumTask(settings.env, settings.episodes)
     check_fit(task, settings)
-    return train_task(lambda collector, run: make_learner(task, settings, run, collector), task, settings, request)
+    if settings.algorithm == "ppo":
+        return train_task(partial(make_ppo, task, settings), task, settings, request)
+    return train_off_policy(partial(make_off_policy, task, settings), task, settings, request)
 
 
 GYMNASIUM = Trainer("any gymnasium environment, by PPO, SAC, DDPG or IQN", GymnasiumConfig, _train)

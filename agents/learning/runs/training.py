@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import torch
 from tensordict import TensorDict
 
 from dohyo.agents.learning.experience.collector import Collector
+from dohyo.agents.learning.experience.explorers import Explorers
+from dohyo.agents.learning.experience.ray_worker import RayWorker
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.files.report import Report, Reporter, no_report
@@ -18,11 +21,15 @@ from dohyo.agents.learning.policies.exact_export import export_exact
 from dohyo.agents.learning.policies.export import Exportable
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.evaluation import COLUMNS, evaluate
+from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task, named
+from dohyo.sumo_networks.envs.worker_process import WorkerProcess
 from dohyo.sumo_networks.files import write_atomically
+
+C = TypeVar("C", bound=Collector | Explorers)
 
 
 class Learner(Protocol):
@@ -58,6 +65,8 @@ class Learner(Protocol):
 
 MakeLearner = Callable[[Collector, TaskRun], Learner]
 """Makes the learner of a run, on its device and in its folder."""
+MakeOffPolicyLearner = Callable[[Collector | Explorers, TaskRun], Learner]
+"""The same of a learner that may learn from the steps of explorers."""
 
 
 def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, request: TrainRequest) -> Path:
@@ -77,12 +86,17 @@ def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, reque
         RunStoppedError: See `train`.
         SimulationError: See `train`.
     """
-    run = Run(request.name, request.out, settings, request.resume)
-    try:
-        train(make_learner, task, run, request.report)
-    finally:
-        run.close()
-    return run.folder / "best.safetensors"
+    return _in_folder(lambda run: train(make_learner, task, run, request.report), settings, request)
+
+
+def train_off_policy(
+    make_learner: MakeOffPolicyLearner, task: Task, settings: OffPolicyRunConfig, request: TrainRequest
+) -> Path:
+    """The same with explorers, if the settings have some; see `Explorers`."""
+    if not settings.explorers:
+        return train_task(make_learner, task, settings, request)
+    explorers = partial(_explorers, task, settings)
+    return _in_folder(lambda run: _train(explorers, make_learner, task, run, request.report), settings, request)
 
 
 def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter = no_report) -> dict[str, Number]:
@@ -105,17 +119,46 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
         RunStoppedError: After SIGINT or SIGTERM; the last checkpoint is where the run goes on.
         SimulationError: Simulations fail again and again.
     """
+    return _train(partial(_collector, task, run.config), make_learner, task, run, report)
+
+
+def _in_folder(train_in: Callable[[TaskRun], object], settings: RunConfig, request: TrainRequest) -> Path:
+    run = Run(request.name, request.out, settings, request.resume)
+    try:
+        train_in(run)
+    finally:
+        run.close()
+    return run.folder / "best.safetensors"
+
+
+def _collector(task: Task, config: RunConfig, open_: ExitStack) -> Collector:
+    environments = task.make_environments(config.processes or config.environments, processes=config.processes > 0)
+    open_.callback(environments.close)
+    check_environments(environments)
+    return Collector(environments, task, config.seed, config.begin_after)
+
+
+def _explorers(task: Task, config: OffPolicyRunConfig, open_: ExitStack) -> Explorers:
+    make_worker = partial(RayWorker, config.cluster) if config.cluster else WorkerProcess
+    explorers = Explorers(task, config.seed, config.explorers, config.stretch, make_worker)
+    open_.callback(explorers.close)
+    return explorers
+
+
+def _train(
+    open_collector: Callable[[ExitStack], C],
+    make_learner: Callable[[C, TaskRun], Learner],
+    task: Task,
+    run: TaskRun,
+    report: Reporter,
+) -> dict[str, Number]:
     check_task(task)
     torch.set_num_threads(1)
     torch.manual_seed(run.config.seed)
-    config, apart = run.config, run.config.processes > 0
     with ExitStack() as open_:
-        environments = task.make_environments(config.processes or config.environments, processes=apart)
-        open_.callback(environments.close)
-        held_out = task.make_environments(task.judged_at_once, processes=apart or task.alone)
+        collector = open_collector(open_)
+        held_out = task.make_environments(task.judged_at_once, processes=run.config.processes > 0 or task.alone)
         open_.callback(held_out.close)
-        check_environments(environments)
-        collector = Collector(environments, task, config.seed, config.begin_after)
         session = _Session(run, task, make_learner(collector, run), collector, held_out)
         with Stop().listening() as stop:
             return session.train(stop, report)
@@ -125,7 +168,12 @@ class _Session:
     """Training from its present state to its end."""
 
     def __init__(
-        self, run: TaskRun, task: Task, learner: Learner, collector: Collector, held_out: Environments
+        self,
+        run: TaskRun,
+        task: Task,
+        learner: Learner,
+        collector: Collector | Explorers,
+        held_out: Environments,
     ) -> None:
         self._run, self._task, self._learner = run, task, learner
         self._collector, self._held_out = collector, held_out
