@@ -106,7 +106,7 @@ class Iqn(OffPolicy[IqnConfig]):
     def exploration(self) -> float:
         """Present probability of a random action."""
         config = self._config
-        share = self._taken / config.exploration_steps
+        share = self.steps / config.exploration_steps
         return linear(config.first_exploration, config.last_exploration, share)
 
     def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:

@@ -93,6 +93,7 @@ class OffPolicy(ABC, Generic[C]):
         replay: Transitions of the run, and of any other producer.
         policy: Module that is shipped.
         updates: Gradient steps so far.
+        steps: Environment steps when the present actions are chosen.
         columns: Of metrics.csv.
         losses: Names of what `learn` returns.
         actions: Kind of the action space.
@@ -138,7 +139,7 @@ class OffPolicy(ABC, Generic[C]):
         self._shares = {DEMONSTRATOR: config.demonstrated_share} if config.demonstrated_share else {}
         self._unit = ActionVector(space).to(device)
         self._due = 0.0  # gradient steps that are due
-        self._taken = 0  # environment steps when the present actions are chosen
+        self.steps = 0
         self.updates = 0
         self.encoder = (encoder or ObservationEncoder(named(task.observation_space))).to(device)
         self.build(int(self.encoder.features))  # type: ignore[arg-type]
@@ -181,13 +182,13 @@ class OffPolicy(ABC, Generic[C]):
         sums: dict[str, Tensor] = {}
         before = self.updates
         for _ in self._collector.round(self._config.round_steps):
-            self._taken = self._collector.steps
+            self.steps = self._collector.steps
             self._collector.send(self._behaviour)
             self._update(sums)
             for step in self._collector.received():
                 self.replay.add(step)
             if self._collector.steps > self._config.learning_starts:
-                self._due += self._config.updates_per_step * (self._collector.steps - self._taken)
+                self._due += self._config.updates_per_step * (self._collector.steps - self.steps)
         means = {name: float(total) / (self.updates - before) for name, total in sums.items()}
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
         finished = self._collector.finished()
@@ -251,7 +252,7 @@ class OffPolicy(ABC, Generic[C]):
 
     def _choose(self, observation: TensorDict) -> TensorDict:
         """Actions with exploration; random ones before the learning starts."""
-        if self._taken < self._config.learning_starts:
+        if self.steps < self._config.learning_starts:
             count = len(observation)
             if isinstance(self._space, Discrete):
                 action = torch.randint(int(self._space.n), (count,))

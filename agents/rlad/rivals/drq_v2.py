@@ -67,7 +67,7 @@ class DrqV2(OffPolicy[DrqV2Config]):
     def noise(self) -> float:
         """Present standard deviation of the exploration."""
         config = self._config
-        return linear(config.first_noise, config.last_noise, self._taken / config.noise_steps)
+        return linear(config.first_noise, config.last_noise, self.steps / config.noise_steps)
 
     def explore(self, observation: TensorDictBase) -> dict[str, Tensor]:
         """The policy's action with noise, clipped to the action space."""

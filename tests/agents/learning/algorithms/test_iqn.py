@@ -79,7 +79,7 @@ def test_exploration_falls_linearly(tmp_path: Path) -> None:
     iqn = learner(Iqn, SMALL, Dial(), tmp_path)
     values = {}
     for steps in (0, 400, 800, 5000):
-        iqn._collector.steps = steps
+        iqn.steps = steps
         values[steps] = iqn.exploration
     assert values == pytest.approx({0: 1.0, 400: 0.525, 800: 0.05, 5000: 0.05})
 

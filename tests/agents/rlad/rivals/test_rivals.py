@@ -68,9 +68,9 @@ def test_drq_v2_explores_less_and_less_and_bounds_the_targets_noise(tmp_path: Pa
     rival._smoothed(bold).sum().backward()
     assert bold.grad is not None
     assert (bold.grad == 1.0).all(), "the bound of the action space lets gradients through"
-    rival._collector.steps = 50
+    rival.steps = 50
     assert rival.noise == pytest.approx(0.55)
-    rival._collector.steps = 1000
+    rival.steps = 1000
     assert rival.noise == pytest.approx(0.1)
     encoder = copied(rival.encoder)
     losses = [float(rival.learn(seen)["loss_critic"]) for _ in range(10)]
