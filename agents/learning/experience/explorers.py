@@ -24,7 +24,7 @@ from dohyo.agents.learning.experience.behaviour import Behaviour, EpisodeMixture
 from dohyo.agents.learning.experience.collector import MAX_LOST, Collector, Finished
 from dohyo.agents.learning.tasks.curriculum import Progress
 from dohyo.agents.learning.tasks.environments import check_environments
-from dohyo.agents.learning.tasks.task import Task
+from dohyo.agents.learning.tasks.task import Environments, Task
 from dohyo.sumo_networks.envs.worker_process import Host, WorkerDeathError, WorkerProcess
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
@@ -91,7 +91,7 @@ class Explorer:
     """One explorer, in its process: an environment with a collector of its own."""
 
     def __init__(self, task: Task, seed: int, rank: int, count: int) -> None:
-        """Makes the environment; its simulation starts with the first stretch.
+        """Prepares; the environment is made with the first stretch, whose answer tells why it cannot be.
 
         Args:
             task: Of it.
@@ -99,11 +99,8 @@ class Explorer:
             rank: Number of the explorer, from 0.
             count: Number of all explorers.
         """
-        torch.set_num_threads(1)
-        self._environments = task.make_environments(1, processes=False)
-        check_environments(self._environments)
-        self._collector = Collector(self._environments, task, seed, numbers=slice(rank, None, count))
-        self._seed, self._rank = seed, rank
+        self._task, self._seed, self._rank, self._count = task, seed, rank, count
+        self._environments: Environments | None = None
 
     def carry_out(self, command: str, *arguments: Any) -> Any:
         """See `Host`; the only command is "drive"."""
@@ -112,6 +109,8 @@ class Explorer:
 
     def drive(self, order: Order) -> Stretch:
         """Drives a stretch."""
+        if self._environments is None:
+            self._begin()
         collector = self._collector
         if order.state is not None:
             collector.restore(order.state)
@@ -124,7 +123,16 @@ class Explorer:
 
     def close(self) -> None:
         """See `Host`."""
-        self._environments.close()
+        if self._environments is not None:
+            self._environments.close()
+
+    def _begin(self) -> None:
+        torch.set_num_threads(1)
+        environments = self._task.make_environments(1, processes=False)
+        check_environments(environments)
+        numbers = slice(self._rank, None, self._count)
+        self._collector = Collector(environments, self._task, self._seed, numbers=numbers)
+        self._environments = environments
 
 
 class Explorers:

@@ -12,8 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
+from gymnasium.spaces import Box
 from tensordict import TensorDict
 
 from dohyo.agents.learning.algorithms.ddpg import Ddpg, DdpgConfig
@@ -182,6 +184,18 @@ def test_an_error_of_the_task_is_told_and_ends_the_processes(explorers) -> None:
     source.round(8)
     source.send(PolicyBehaviour(wander))
     with pytest.raises(EnvError, match="the point is lost"):
+        list(source.received())
+
+
+def test_an_environment_that_cannot_be_used_is_told_once(explorers) -> None:
+    @dataclass(frozen=True)
+    class Flat(Point):
+        observation_space = Box(0.0, 1.0, (2, 2), np.float32)
+
+    source = explorers(Flat(), make_worker=Here)
+    source.round(8)
+    source.send(PolicyBehaviour(wander))
+    with pytest.raises(InvalidInputError, match=r"got float32 \(2, 2\)"):
         list(source.received())
 
 
