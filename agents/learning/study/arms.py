@@ -93,5 +93,6 @@ _ALL = (
     Match("CartPole-v1", "iqn", "DQN", 50_000, _IQN, _DQN),
     *_continuous("Pendulum-v1", 10_000, 100_000),
     *_continuous("Hopper-v5", 100_000, 100_000, ddpg_trainings=5),
+    *_continuous("HalfCheetah-v5", 100_000, 100_000),
 )
 MATCHES: Mapping[tuple[str, str], Match] = MappingProxyType({(one.env, one.algorithm): one for one in _ALL})
