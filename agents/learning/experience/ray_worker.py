@@ -26,23 +26,36 @@ START_S = 120.0
 """Time that an actor has to start, its place in the cluster included."""
 
 
+def connect_to(address: str) -> Any:
+    """The module `ray`, after it has connected this process to a cluster, unless it is.
+
+    Args:
+        address: Of the cluster, see `OffPolicyRunConfig`.
+
+    Raises:
+        InvalidInputError: Ray is not installed, or there is no such cluster.
+    """
+    ray = require_ray()
+    if not ray.is_initialized():
+        connect(ray, None if address == LOCAL else address)
+    return ray
+
+
 class RayWorker:
     """An actor with a host. Takes one command at a time, as `WorkerProcess` does."""
 
     def __init__(self, address: str, number: int, make_host: Callable[[], Host]) -> None:
-        """Connects this process to the cluster, unless it is; the actor starts with the first command.
+        """Connects, see `connect_to`; the actor starts with the first command.
 
         Args:
-            address: Of the cluster, see `OffPolicyRunConfig`.
+            address: Of the cluster.
             number: Named in errors.
             make_host: Makes what carries out the commands, in the actor.
 
         Raises:
-            InvalidInputError: Ray is not installed, or there is no such cluster.
+            InvalidInputError: As from `connect_to`.
         """
-        self._ray = require_ray()
-        if not self._ray.is_initialized():
-            connect(self._ray, None if address == LOCAL else address)
+        self._ray = connect_to(address)
         self._number, self._make_host = number, make_host
         self._actor: Any = None
         self._ready: Any = None  # its answer that it has started, until that has come

@@ -13,7 +13,7 @@ from tensordict import TensorDict
 
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.explorers import Explorers
-from dohyo.agents.learning.experience.ray_worker import RayWorker
+from dohyo.agents.learning.experience.ray_worker import RayWorker, connect_to
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.files.report import Report, Reporter, no_report
@@ -27,6 +27,7 @@ from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task, named
 from dohyo.sumo_networks.envs.worker_process import WorkerProcess
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 C = TypeVar("C", bound=Collector | Explorers)
@@ -92,9 +93,17 @@ def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, reque
 def train_off_policy(
     make_learner: MakeOffPolicyLearner, task: Task, settings: OffPolicyRunConfig, request: TrainRequest
 ) -> Path:
-    """The same with explorers, if the settings have some; see `Explorers`."""
+    """The same with explorers, if the settings have some; see `Explorers`.
+
+    Raises:
+        InvalidInputError: As from `train_task`; or there is no such cluster, or nobody for it.
+    """
     if not settings.explorers:
+        if settings.cluster:
+            raise InvalidInputError(f"cluster = '{settings.cluster}': expected explorers of at least 1, got 0")
         return train_task(make_learner, task, settings, request)
+    if settings.cluster:
+        connect_to(settings.cluster)  # before anything is written
     explorers = partial(_explorers, task, settings)
     return _in_folder(lambda run: _train(explorers, make_learner, task, run, request.report), settings, request)
 

@@ -276,6 +276,23 @@ def test_ppo_has_no_explorers(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"cluster": "auto"}, "expected explorers of at least 1, got 0"),
+        ({"cluster": "127.0.0.1:9", "explorers": 2}, "no Ray cluster at '127.0.0.1:9'"),
+    ],
+)
+def test_a_cluster_that_cannot_be_used_is_refused_before_anything_is_written(
+    settings: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    if "explorers" in settings:
+        pytest.importorskip("ray", reason="Ray is not installed (pip install 'dohyo[cluster]')")
+    with pytest.raises(InvalidInputError, match=said):
+        GYMNASIUM.train(GymnasiumConfig(env=POINT, **settings), TrainRequest("gym", tmp_path / "run", False, no_report))
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.slow
 def test_actors_of_a_ray_cluster_give_the_same_steps_and_a_lost_one_begins_anew(explorers) -> None:
     ray = pytest.importorskip("ray", reason="Ray is not installed (pip install 'dohyo[cluster]')")
