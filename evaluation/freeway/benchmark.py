@@ -96,7 +96,8 @@ class TrafficBenchmark(_Named):
     """Mornings in which a controller of connected cars smooths the traffic, one for each seed.
 
     Attributes:
-        start_s: Time of day at which control and measurement begin, s.
+        network: The freeway of this task, whose bottleneck and buffer are known.
+        start_s: Time of day at which control and measurement begin, s; the feed begins 12 minutes before.
         duration_s: Duration of control and measurement, s.
         warm_up_s: Simulated time before the feed of segment speeds begins, s.
         penetration: Share of connected cars, in [0, 1].
@@ -106,7 +107,8 @@ class TrafficBenchmark(_Named):
     headline = "speed_std_mps"
 
     kind: Literal["traffic"]
-    start_s: Annotated[float, Field(ge=0, lt=86400)]
+    network: Literal["freeway"] = "freeway"
+    start_s: Annotated[float, Field(ge=720, lt=86400)]
     duration_s: Annotated[float, Field(gt=0, le=86400)]
     warm_up_s: Annotated[float, Field(ge=0)]
     penetration: Annotated[float, Field(ge=0, le=1)]

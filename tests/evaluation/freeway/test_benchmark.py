@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dohyo.evaluation.benchmarks.documents import benchmark_names
+from dohyo.evaluation.benchmarks.documents import benchmark_names, benchmark_path
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.freeway.benchmark import (
     ForecastBenchmark,
@@ -63,3 +63,19 @@ def test_a_file_without_a_field_is_refused_in_one_line(tmp_path: Path) -> None:
 def test_unknown_names_get_a_hint() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'forecast-hard'"):
         load_freeway_benchmark("forecast-hrad")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("kind = ", 'network = "a10"\nkind = ', "network: expected 'freeway'"),
+        ("start_s = 24300.0", "start_s = 300.0", "start_s: .*720"),
+    ],
+)
+def test_a_morning_that_nobody_can_drive_is_refused(old: str, new: str, said: str, tmp_path: Path) -> None:
+    """The controller knows one bottleneck, and its feed begins before the control."""
+    whole = benchmark_path("dissipation", Family.FREEWAY).read_text()
+    assert old in whole
+    (tmp_path / "own.toml").write_text(whole.replace(old, new))
+    with pytest.raises(InvalidInputError, match=said):
+        load_freeway_benchmark(str(tmp_path / "own.toml"))
