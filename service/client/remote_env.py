@@ -203,8 +203,10 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         """
         with _as_lost():
             answer = self._http.receive()
+        outcome = answer.get("outcomes", {}).get(self._ego)
+        if outcome is None:
+            raise SimulationError(f"ego '{self._ego}' has no outcome of this tick: its world has ended or begun anew")
         self._take(answer)
-        outcome = answer["outcomes"][self._ego]
         terminated = bool(outcome["terminated"])
         truncated = bool(answer["done"]) and not terminated
         infos = {"success": outcome["success"]} if terminated or truncated else {}

@@ -78,6 +78,22 @@ def test_a_remote_episode_equals_a_local_one_also_after_a_reset(served: Served) 
     assert [one for one in served.ask("GET", "/v1/worlds")["items"] if one["finished"] is None] == []
 
 
+def test_a_row_whose_world_ends_is_truncated_and_lost(served: Served) -> None:
+    env = dohyo.RemoteEnv(served.url, token=served.token, scenario=STREET.model_dump(mode="json"), sensors=SENSORS)
+    actions = np.float32([[6.0, 0.0]])
+    try:
+        env.reset(seed=1)
+        assert not env.step(actions)[4]["lost"].any()
+        (live,) = [one for one in served.ask("GET", "/v1/worlds")["items"] if one["finished"] is None]
+        served.ask("POST", f"/v1/worlds/{live['id']}/end")
+        _, rewards, terminations, truncations, infos = env.step(actions)
+        assert (rewards.tolist(), terminations.tolist(), truncations.tolist()) == ([0.0], [False], [True])
+        assert infos["lost"].tolist() == [True]
+        assert not env.reset(seed=1)[1]["lost"].any()  # in another world
+    finally:
+        env.close()
+
+
 def test_learners_take_an_address_as_their_environment(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DOHYO_TOKEN", served.token)
     task = GymnasiumTask(f"{served.url}?benchmark=quickstart&sensors=speedometer&reward=progress")
