@@ -74,7 +74,7 @@ class LiveWorld:
         self.driving: tuple[str, ...] = tuple(mission.name for mission in order.scenario.missions)
         self.seats = Seats(self.driving)
         self.begun, self.heard, self.ending = False, time.monotonic(), ""
-        self.audience = Audience(lambda watched: process.send(Kind.WATCH, bytes([watched])), MOST_SPECTATORS)
+        self.audience = Audience(self._watch, MOST_SPECTATORS)
         self._told, self._obeyed = b"", ObeyedSteps()
         self._plans = Plans()
         self._process = process
@@ -119,8 +119,9 @@ class LiveWorld:
         """Begins anew at tick 0 with the same drivers and without external actors.
 
         Raises:
-            BusyError: The simulation takes too long.
+            BusyError: The world has not begun yet, or the simulation takes too long.
         """
+        self._check_begun()
         self.seed = self.seed if seed is None else seed
         self.resets, self._revision, self._restarted = self.resets + 1, self._revision + 1, True
         self._is_shown.clear()
@@ -164,6 +165,15 @@ class LiveWorld:
         """Kills the process of a world whose end takes too long."""
         self._process.kill(Outcome(End.STOPPED, f"{self.ending}; its process took too long to end"))
 
+    def _check_begun(self) -> None:
+        """Refuses what the process would take for its order."""
+        if not self.begun:
+            raise BusyError("the world has not begun yet", retry_s=1)
+
+    def _watch(self, watched: bool) -> None:
+        if self.begun:
+            self._process.send(Kind.WATCH, bytes([watched]))
+
     @property
     def _goes_on(self) -> bool:
         return self.status is WorldStatus.RUNNING or self._allowed > 0
@@ -182,8 +192,9 @@ class LiveWorld:
             InvalidInputError: There is no such ego.
             ConflictError: An ego has ended its drive, or another worker drives it or has the name.
             GoneError: The world, or the drives of its egos, ended meanwhile.
-            BusyError: The simulation takes too long.
+            BusyError: The world has not begun yet, or the simulation takes too long.
         """
+        self._check_begun()
         before = self.seats.named(seat.spec.name)
         self.seats.check_free(seat, before, self.driving)
         seat.begin(self.tick, time.monotonic() + SHOW_S)
@@ -341,6 +352,8 @@ class LiveWorld:
         self._shown = msgspec.msgpack.decode(memoryview(payload)[SHOWN.size :], type=Shown)
         if not self.begun:
             self.begun, self.heard = True, time.monotonic()
+            if self.audience.watching:
+                self._watch(True)
             if self.ending:  # before it had begun
                 self.end(self.ending)
         ticked, self._restarted = tick > self.tick or self._restarted, False
