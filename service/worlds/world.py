@@ -279,6 +279,8 @@ class LiveWorld:
         if step.tick == seat.answered and seat.reply is not None and not comes_late:
             return seat.reply
         seat.refuse_ended()
+        if self._restarted:  # it is of the run before, and answered as those that waited at the reset
+            return await self._next(seat)
         if step.tick != seat.tick and not comes_late:
             raise StaleTickError(seat.tick, step.tick)
         # In real time a repetition may be under way; then this decision is the one that the next tick has.
@@ -286,6 +288,9 @@ class LiveWorld:
             self._decide(seat, step, fmt)
         if self.clock.realtime:  # also where the repetition of its last decision is being driven
             seat.due = time.monotonic() + self.deadline_s
+        return await self._next(seat)
+
+    async def _next(self, seat: Seat) -> WorldReply:
         answer: asyncio.Future[WorldReply] = asyncio.get_running_loop().create_future()
         seat.waiting.append(answer)
         self._advance()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
 from dohyo.service.errors import BusyError
 from dohyo.service.running.channel import Kind
-from tests.service.worlds.scripted import ScriptedWorld, place
+from tests.service.worlds.scripted import ScriptedWorld, place, step
 
 
 def test_the_process_gets_its_order_before_anything_else() -> None:
@@ -27,3 +28,39 @@ def test_the_process_gets_its_order_before_anything_else() -> None:
         assert world.process.sent[-1] == (Kind.WATCH, b"\0")
 
     asyncio.run(early())
+
+
+GHOST = {"name": "ghost", "kind": "car", "x_m": 40.0, "y_m": 0.0}
+
+
+def at(x_m: float, speed_mps: float = 10.0) -> list[float]:
+    """A pose on the x-axis."""
+    return [x_m, 0.0, 0.0, speed_mps, 0.0]
+
+
+async def after(awaited: Any, world: ScriptedWorld, tick: int) -> Any:
+    """The answer that the next tick gives."""
+    waiting = asyncio.create_task(awaited)
+    await asyncio.sleep(0)
+    world.show(tick)
+    return await waiting
+
+
+@pytest.mark.parametrize("ticks", [0, 3])
+def test_a_step_that_comes_while_a_reset_runs_enters_nothing_into_the_new_run(ticks: int) -> None:
+    async def reset() -> None:
+        world = ScriptedWorld()
+        world.show(0)
+        seat = await world.seat(place("sim", "front", control="pose"))
+        for tick in range(ticks):
+            await after(step(world, seat, tick, at(1.0 + tick)), world, tick + 1)
+        resetting = asyncio.create_task(world.reset(None))
+        await asyncio.sleep(0)
+        old = step(world, seat, ticks, at(1.0 + ticks), actors={"put": [GHOST]}, plans={"front": [(1.0, 0.0)]})
+        answer = await after(old, world, 0)
+        await resetting
+        assert (answer.tick, answer.resets, len(world.actors), len(world.decided)) == (0, 1, 0, ticks)
+        assert (await after(step(world, seat, 0, at(0.0, 0.0)), world, 1)).tick == 1
+        assert world.decided[-1].actors.put == []
+
+    asyncio.run(reset())
