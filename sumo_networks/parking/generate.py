@@ -11,7 +11,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.parking.contact import distance_to_segment, store_box
+from dohyo.sumo_networks.parking import kart
+from dohyo.sumo_networks.parking.contact import STORED, boxes_touch, distance_to_segment, store_box
 from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_PEDESTRIANS, MAX_SPOTS, MAX_WALLS, PARALLEL_SPOTS
 from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.tables import BOXES, FREE, KIND, LIMIT, SPOTS, WALKERS, WALLS, Tables
@@ -182,7 +183,8 @@ def _draw_obstacles(state: NDArray[np.uint64], lot: int, tables: Tables, width: 
 def _draw_starts(
     state: NDArray[np.uint64], lot: int, tables: Tables, starts: FloatArray, width: float, depth: float
 ) -> None:
-    """Draws starts in the south of the lot, with room to drive off forwards."""
+    """Draws starts in the south of the lot, in contact with no box, and with room to drive off forwards."""
+    body = np.empty((1, STORED))
     for number in range(starts.shape[0]):
         start = starts[number]
         for _ in range(TRIES):
@@ -190,11 +192,22 @@ def _draw_starts(
             start[1] = _uniform(state, -depth / 2 + 2.5, -depth / 2 + 8.0)
             start[2] = _uniform(state, -math.pi, math.pi)
             ahead_x, ahead_y = start[0] + 3.0 * math.cos(start[2]), start[1] + 3.0 * math.sin(start[2])
-            if _apart(starts, number) and _wall_distance(lot, tables, ahead_x, ahead_y) > 3.5:
+            is_roomy = _apart(starts, number) and _wall_distance(lot, tables, ahead_x, ahead_y) > 3.5
+            store_box(body, 0, start[0], start[1], start[2], kart.LENGTH_M, kart.WIDTH_M)
+            if is_roomy and not _touches_box(lot, tables, body):
                 break
         else:
             # Side by side with heading north, which always fits.
             start[0], start[1], start[2] = -width / 4 + 5.0 * number, -depth / 2 + 4.0, math.pi / 2
+
+
+@njit(cache=True)
+def _touches_box(lot: int, tables: Tables, body: FloatArray) -> bool:
+    """Whether a (1, 8) stored box touches a block or parked car."""
+    touches = False
+    for box in range(tables.lots[lot, BOXES]):
+        touches = touches or boxes_touch(body, 0, tables.boxes, lot * MAX_BOXES + box)
+    return touches
 
 
 @njit(cache=True)
