@@ -14,9 +14,9 @@ from dohyo.evaluation.parking.agent import make_parking_agent
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark
 from dohyo.evaluation.parking.drive import Drive
 from dohyo.evaluation.parking.motion import write_motion
-from dohyo.evaluation.parking.page import Evaluated, shown_records, write_parking_page
+from dohyo.evaluation.parking.page import Evaluated, dohyo_versions, shown_records, write_parking_page
 from dohyo.evaluation.parking.record import ParkingRecord, write_records
-from dohyo.evaluation.parking.resumption import forget_chunks, keep, kept
+from dohyo.evaluation.parking.resumption import are_chunks_left, forget_chunks, keep, kept
 from dohyo.evaluation.parking.running import Order, Tell, close_agents, drive_all, drive_here
 from dohyo.evaluation.records.record import AgentInfo, Kind
 from dohyo.evaluation.running.lock import held
@@ -36,7 +36,7 @@ def evaluate_parking(
     tell: Tell = lambda done, total: None,
     act_deadline_s: float = ACT_DEADLINE_S,
 ) -> list[ParkingRecord]:
-    """Drives an agent in the lots of a benchmark; a second call drives only the missing lots.
+    """Drives an agent in the lots of a benchmark; a second call drives the missing lots and writes the missing files.
 
     Args:
         benchmark: The benchmark.
@@ -67,7 +67,8 @@ def evaluate_parking(
         raise InvalidInputError(f"'{out}' holds an evaluation on another kind of benchmark: choose another --out")
     with held(out, read_only=True):
         driven = kept(out, benchmark, info, chosen)
-        if missing := [seed for seed in chosen if seed not in driven]:
+        missing = [seed for seed in chosen if seed not in driven]
+        if missing:
             done, total = len(driven), len(chosen)
             drives = drive_all(
                 *(Order(benchmark, info, settings, act_deadline_s), missing, workers),
@@ -75,8 +76,9 @@ def evaluate_parking(
                 keep=lambda chunk: keep(out, chunk),
             )
             driven |= {drive.record.seed: drive for drive in drives}
+        if missing or are_chunks_left(out) or not (out / PAGE).exists():
             _write(out, [driven[seed] for seed in chosen])
-        forget_chunks(out)
+            forget_chunks(out)
     return [driven[seed].record for seed in chosen]
 
 
@@ -101,8 +103,8 @@ def drive_again(
         SimulationError: A process died twice in a lot while no agent was called.
     """
     first = records[0]
-    if (here := version("dohyo")) != first.version:
-        raise InvalidInputError(f"the records were made by dohyo {first.version}: expected the same here, got {here}")
+    if (made := dohyo_versions(records)) != (here := version("dohyo")):
+        raise InvalidInputError(f"the records were made by dohyo {made}: expected the same here, got {here}")
     settings = {**first.agent.settings, **(more or {})}
     info = _info(first.agent.entry, settings, first.agent.kind).model_copy(update={"settings": first.agent.settings})
     if info != first.agent:
@@ -122,6 +124,7 @@ def _info(entry: str, settings: Mapping[str, Any], kind: Kind) -> AgentInfo:
 
 
 def _write(out: Path, drives: Sequence[Drive]) -> None:
+    """Writes the final files of an evaluation, each complete or not at all."""
     records = [drive.record for drive in drives]
     write_motion(out, drives)
     write_records(out, records)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -14,6 +14,7 @@ from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.parking.plan import plan_view
 from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.parking.result import MEASURES, ParkingResult, compare_parking, summarise_parking
+from dohyo.evaluation.report.recorded_versions import DIFFERENT
 from dohyo.evaluation.report.style import MISSING, number
 from dohyo.evaluation.statistics import Comparison
 from dohyo.sumo_networks.arrays import Float32Array
@@ -80,6 +81,18 @@ def comparisons(evaluated: Sequence[Evaluated]) -> Iterator[tuple[str, str, Comp
         yield first.name, second.name, compare_parking(first.records, second.records) if common else None
 
 
+def dohyo_versions(records: Iterable[ParkingRecord]) -> str:
+    """Versions of dohyo that drove the lots, such as "0.9.0, 1.0.0"."""
+    return ", ".join(sorted({record.version for record in records}))
+
+
+def mixed_versions(evaluated: Sequence[Evaluated]) -> str:
+    """Sentence that names the versions of dohyo behind each agent, if they are not all the same; else ""."""
+    if len({record.version for one in evaluated for record in one.records}) < 2:
+        return ""
+    return f"{DIFFERENT} " + "; ".join(f"{one.name}: dohyo {dohyo_versions(one.records)}" for one in evaluated)
+
+
 def _page(evaluated: Sequence[Evaluated]) -> str:
     loader = PackageLoader("dohyo.evaluation.report", "templates")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -94,8 +107,9 @@ def _page(evaluated: Sequence[Evaluated]) -> str:
             ("benchmark", first.benchmark.sha256[:12]),
             ("lots", ", ".join(sorted({str(len(one.records)) for one in evaluated}))),
             ("karts in a lot", str(first.benchmark.karts)),
-            ("dohyo", first.version),
+            ("dohyo", dohyo_versions(record for one in evaluated for record in one.records)),
         ],
+        mixed_versions=mixed_versions(evaluated),
         results=results,
         measures=MEASURES,
         tops=tops,

@@ -1,7 +1,7 @@
 """Resumption: an evaluation keeps its lots chunk by chunk, and a later run drives the missing ones alone.
 
-Until an evaluation has ended, each chunk is a folder of records and motion in `driven/`; its records are written last,
-so that a folder without them is no chunk.
+Each chunk is a folder of records and motion in `driven/`; its records are written last, so that a folder without them
+is no chunk. The chunks stay until all final files are written: while there are some, those files may be old or missing.
 """
 
 from __future__ import annotations
@@ -54,14 +54,20 @@ def kept(out: Path, benchmark: ParkingBenchmark, info: AgentInfo, seeds: Sequenc
         _check_continues(out, records[0], benchmark, info)
         if others := [record.seed for record in records if record.seed not in wanted]:
             raise InvalidInputError(f"'{out}' holds lot {others[0]}, which is not to be driven: choose another --out")
-        motions = read_motion(folder, records)
-        current = [one for one in records if one.version == version("dohyo") and one.seed in motions]
-        found |= {record.seed: Drive(record, motions[record.seed]) for record in current}
+        # Beside records of another version may lie the motion of this one, from a run that ended between the two.
+        current = [one for one in records if one.version == version("dohyo")]
+        motions = read_motion(folder, current)
+        found |= {record.seed: Drive(record, motions[record.seed]) for record in current if record.seed in motions}
     return found
 
 
+def are_chunks_left(out: Path) -> bool:
+    """Whether a run ended before all final files of its evaluation were written."""
+    return (out / DRIVEN).exists()
+
+
 def forget_chunks(out: Path) -> None:
-    """Removes the chunks of an evaluation that has ended."""
+    """Removes the chunks of an evaluation whose final files are all written."""
     shutil.rmtree(out / DRIVEN, ignore_errors=True)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.report.contenders import Evaluation
 
+DIFFERENT = "different versions drove these episodes, which alone may change scores."
+
 
 def dohyo_versions(records: Iterable[EpisodeRecord]) -> str:
     """Versions of dohyo that drove the episodes, such as "0.9.0, 1.0.0"."""
@@ -26,7 +28,7 @@ def mixed_versions(evaluations: Sequence[Evaluation]) -> str:
     by_agent = "; ".join(
         f"{one.agent}: dohyo {dohyo_versions(one.records)}, SUMO {sumo_versions(one.records)}" for one in evaluations
     )
-    return f"different versions drove these episodes, which alone may change scores. {by_agent}"
+    return f"{DIFFERENT} {by_agent}"
 
 
 def _listed(values: Iterable[str]) -> str:

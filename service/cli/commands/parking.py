@@ -14,7 +14,7 @@ from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
 from dohyo.evaluation.parking.lot_files import is_lots_folder, read_lot_motions, read_lots
 from dohyo.evaluation.parking.motion import read_motion
-from dohyo.evaluation.parking.page import Evaluated, comparisons, shown_records, write_parking_page
+from dohyo.evaluation.parking.page import Evaluated, comparisons, mixed_versions, shown_records, write_parking_page
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
 from dohyo.service.cli.failures import end_parking
@@ -77,6 +77,8 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
             f"{first} {comparison.verdict} {second}: success differs by {interval(comparison.difference)} points on "
             f"{comparison.difference.n} common lot{'s' * (comparison.difference.n != 1)}"
         )
+    if mixed := mixed_versions(evaluated):
+        console.print(f"take care: {mixed}", highlight=False, soft_wrap=True)
     console.print(f"report: {path.resolve()}", soft_wrap=True)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -14,13 +17,13 @@ import pytest
 
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.families import Family
-from dohyo.evaluation.parking import running
+from dohyo.evaluation.parking import evaluate, running
 from dohyo.evaluation.parking.benchmark import ParkingBenchmark, load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
 from dohyo.evaluation.parking.lot_files import read_lots
 from dohyo.evaluation.parking.motion import MOTION, read_motion
 from dohyo.evaluation.parking.page import Evaluated, write_parking_page
-from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
+from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records, write_records
 from dohyo.evaluation.parking.result import compare_parking, summarise_parking
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -176,6 +179,67 @@ def test_more_lots_complete_an_evaluation(three, tmp_path):
     told: list[int] = []
     assert evaluate_parking(*some, SEEDS, tmp_path, tell=lambda done, _: told.append(done)) == records
     assert told == [3, 4, 5, 6]
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Content of the files of a result, chunks included."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != ".lock"]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def refuse_to_write(*_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_run_that_ends_while_it_writes_loses_nothing(three, tmp_path, monkeypatch):
+    """The first lots have a result already, whose files must not be taken for those of all lots."""
+    folder, records = three
+    some = load_parking_benchmark("parking-three"), f"{HERE}:Greedy", {}, "local"
+    evaluate_parking(*some, SEEDS[2:4], tmp_path)
+    driven: list[int] = []
+    for writer in ("write_motion", "write_records", "write_parking_page"):
+        with monkeypatch.context() as full:
+            full.setattr(evaluate, writer, refuse_to_write)
+            with pytest.raises(OSError, match="No space left"):
+                evaluate_parking(*some, SEEDS, tmp_path, tell=lambda done, _: driven.append(done))
+    assert evaluate_parking(*some, SEEDS, tmp_path, tell=lambda done, _: driven.append(done)) == records
+    assert driven == [3, 4, 5, 6]
+    assert files_of(tmp_path) == files_of(folder)
+
+
+def test_a_missing_report_alone_is_written_again(three, tmp_path):
+    folder, records = three
+    shutil.copytree(folder, tmp_path / "copy")
+    (tmp_path / "copy" / PAGE).unlink()
+    assert evaluated(tmp_path / "copy") == records
+    assert files_of(tmp_path / "copy") == files_of(folder)
+
+
+def of_version(records: list[ParkingRecord], version: str) -> list[ParkingRecord]:
+    return [record.model_copy(update={"version": version}).sealed() for record in records]
+
+
+def test_records_of_another_version_are_driven_again_also_beside_motion_of_this_one(three, tmp_path):
+    """A run that ended between the two files leaves them so."""
+    folder, records = three
+    shutil.copytree(folder, tmp_path / "copy")
+    foreign = [record.model_copy(update={"motion_sha256": "0" * 64}) for record in records]
+    write_records(tmp_path / "copy", of_version(foreign, "0.9.0"))
+    assert evaluated(tmp_path / "copy") == records
+    assert files_of(tmp_path / "copy") == files_of(folder)
+
+
+def test_versions_that_differ_are_all_named(three, tmp_path):
+    _, records = three
+    mixed = of_version(records[:3], "0.0.1") + of_version(records[3:], "0.0.2")
+    both = [Evaluated("one", records, {}), Evaluated("two", mixed, {})]
+    page = write_parking_page(tmp_path / "both.html", both).read_text()
+    assert f"<dd>0.0.1, 0.0.2, {records[0].version}</dd>" in page
+    said = "Take care: different versions drove these episodes, which alone may change scores. "
+    assert f"{said}one: dohyo {records[0].version}; two: dohyo 0.0.1, 0.0.2." in page
+    assert "Take care" not in write_parking_page(tmp_path / "one.html", [both[0], both[0]]).read_text()
+    with pytest.raises(InvalidInputError, match=r"made by dohyo 0\.0\.2, .*: expected the same here"):
+        drive_again([*records[:3], *of_version(records[3:], "0.0.2")])
 
 
 def test_rates_count_karts_and_intervals_are_over_lots(three):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.evaluation.parking.record import read_records, write_records
 from dohyo.service.cli import main
 
 AGENT = ("--agent", "tests.evaluation.parking.parkers:Greedy")
@@ -82,6 +83,22 @@ def test_evaluations_without_a_common_lot_are_reported_side_by_side(
     assert "greedy and greedy (b) have no common lot" in said
     assert re.search(r"greedy (<|=|>) greedy \(c\): success differs by .* on 2 common lots", said)
     assert '<p class="note">greedy and greedy (b) have no common lot.</p>' in page.read_text()
+
+
+def test_a_report_of_several_versions_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, old, page = tmp_path / "out", tmp_path / "old", tmp_path / "page.html"
+    order = ("evaluate", *AGENT, "--benchmark", "parking-simple", "--seeds", "0-1", "--out", out)
+    assert dohyo(monkeypatch, *order) == 0
+    records = read_records(out / "records.jsonl")
+    write_records(old, [record.model_copy(update={"version": "0.9.0"}).sealed() for record in records])
+    capsys.readouterr()
+    assert dohyo(monkeypatch, "report", out, "--out", page) == 0
+    assert "take care" not in capsys.readouterr().out
+    assert dohyo(monkeypatch, "report", out, old, "--out", page) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("take care: different")]
+    assert line.endswith(f"greedy: dohyo {records[0].version}; greedy (old): dohyo 0.9.0")
 
 
 def test_the_registered_agents_park_and_are_verified_without_trust(
