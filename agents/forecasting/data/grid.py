@@ -3,12 +3,14 @@
 One rule of missing values holds for all tables: a step within a stretch without a value of a column is missing, whether
 its cell is empty, its row is left out, or its row lies too far off the grid. An interruption of more than
 `LONGEST_GAP_ROWS` steps ends a stretch, and so does midnight; interruptions are not missing values.
+
+Of tables that grow, the last step may still be arriving: see `Grid.arrived`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,6 +55,8 @@ class Grid:
         names: Of the columns of all files.
         speeds: (R, N), m/s, NaN where missing.
         notes: What was done to the rows, one sentence each.
+        complete: Place of the last step that every file has; or the one before the last that any file has, so that a
+            silent file delays the others by one step. A step of means is complete once a row after it is there.
     """
 
     step_s: float
@@ -61,11 +65,23 @@ class Grid:
     names: tuple[str, ...]
     speeds: Float32Array
     notes: tuple[str, ...]
+    complete: int
 
     @property
     def last_s(self) -> float:
         """Time of the last row."""
         return self.start_s + self.step_s * int(self.place[-1])
+
+    def arrived(self) -> Grid:
+        """Rows of the complete steps alone.
+
+        Raises:
+            InvalidInputError: No step is complete yet.
+        """
+        rows = self.place <= self.complete
+        if not rows.any():
+            raise InvalidInputError("expected a step that is complete, got only the first rows of one")
+        return replace(self, place=self.place[rows], speeds=self.speeds[rows])
 
     def stretches(self, name: str) -> list[Stretch]:
         """Stretches of equal steps, skipped ones as missing values; see the module."""
@@ -136,7 +152,9 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         columns.append(wide)
     if len(files) > 1:
         notes.append(f"{len(files)} files joined by time")
-    return Grid(step, start, place, _joined_names(files), np.concatenate(columns, axis=1), tuple(notes))
+    last = [int(own[-1]) - bool(resample_s) for own, _ in parts]
+    complete = max(min(last), max(last) - 1)
+    return Grid(step, start, place, _joined_names(files), np.concatenate(columns, axis=1), tuple(notes), complete)
 
 
 def _placed(

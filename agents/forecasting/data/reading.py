@@ -42,6 +42,7 @@ class Format:
         tolerance: Largest distance of a row from its step, in steps.
         resample_s: New step in seconds, with means over the rows within; None: the table's own.
         trust_unit: Whether to accept speeds that are implausible in the unit.
+        growing: Whether a line without an end may still be being written; else only one that lacks columns.
     """
 
     unit: str = "m/s"
@@ -51,6 +52,7 @@ class Format:
     tolerance: float = 0.5
     resample_s: float | None = None
     trust_unit: bool = False
+    growing: bool = False
 
 
 def read_data(path: Path | Sequence[Path], how: Format | None = None, learn: str = "train") -> SpeedData:
@@ -80,7 +82,9 @@ def read_data(path: Path | Sequence[Path], how: Format | None = None, learn: str
 
 
 def read_latest(path: Path | Sequence[Path], how: Format | None = None) -> Grid:
-    """Rows of one or several tables up to now, however few; an incomplete last line of a growing file is left out.
+    """Complete steps of one or several tables up to now, however few, see `Grid.complete`.
+
+    An incomplete last line of a growing file is left out.
 
     Raises:
         InvalidInputError: See the module; the shares of missing values are not checked.
@@ -89,7 +93,7 @@ def read_latest(path: Path | Sequence[Path], how: Format | None = None) -> Grid:
     paths = _checked(path, how)
     if paths[0].is_dir():
         raise InvalidInputError(f"'{paths[0]}': expected a table that grows, got a folder of days")
-    grid = _read_grid(paths, how)
+    grid = _read_grid(paths, how).arrived()
     check_values([Stretch(paths[0].stem, 0.0, grid.speeds)], grid.names, str(paths[0]), how.unit, how.trust_unit)
     return grid
 
@@ -172,7 +176,7 @@ def _dataset_facts(path: Path) -> dict[str, Any]:
 
 
 def _read_day(path: Path, how: Format) -> tuple[Stretch, tuple[str, ...]]:
-    table = _frame(path)
+    table = _frame(path, how)
     names = tuple(sorted(name for name in table.columns if name.startswith("segment_")))
     if not names or "minute" not in table.columns:
         raise InvalidInputError(f"'{path}': expected the columns minute, segment_00, ..., got {_few(table.columns)}")
@@ -192,7 +196,7 @@ def _read_grid(paths: Sequence[Path], how: Format) -> Grid:
 
 
 def _read_rows(path: Path, how: Format) -> Rows:
-    table = _frame(path)
+    table = _frame(path, how)
     time = next((name for name in table.columns[:1] if _is_time(table[name])), None)
     names = tuple(name for name in table.columns if name != time)
     if not names or not len(table):
@@ -203,10 +207,10 @@ def _read_rows(path: Path, how: Format) -> Rows:
     return Rows(str(path), _clock(path, table[time] if time is not None else None, len(table), how), names, speeds)
 
 
-def _frame(path: Path) -> pl.DataFrame:
+def _frame(path: Path, how: Format) -> pl.DataFrame:
     readers = {
         ".csv": lambda: pl.read_csv(
-            _whole_lines(path), infer_schema_length=None, null_values=NULLS, try_parse_dates=True
+            _whole_lines(path, how.growing), infer_schema_length=None, null_values=NULLS, try_parse_dates=True
         ),
         ".parquet": lambda: pl.read_parquet(path),
     }
@@ -218,9 +222,11 @@ def _frame(path: Path) -> pl.DataFrame:
         raise InvalidInputError(f"'{path}' cannot be read: {str(error).splitlines()[0]}") from error
 
 
-def _whole_lines(path: Path) -> bytes:
+def _whole_lines(path: Path, growing: bool) -> bytes:
     """A file without an incomplete last row, which a logger may be about to write."""
     whole, newline, last = path.read_bytes().rpartition(b"\n")
+    if growing:
+        return whole + newline
     complete = not newline or (last.count(b",") == whole.partition(b"\n")[0].count(b",") and not last.endswith(b","))
     return whole + newline + last if complete else whole + newline
 

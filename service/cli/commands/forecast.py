@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +12,8 @@ import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dohyo.evaluation.output_file import check_output, unwritable
+from dohyo.evaluation.output_file import check_output
+from dohyo.service.cli.following import append_forecast, grown, moment
 from dohyo.service.cli.output import Json, console, number, print_json, print_rows
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -134,19 +134,13 @@ def run(
     if out is not None:
         check_output(out)
     how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit)
-    made_s, grown_at = -float("inf"), time.monotonic()
-    while True:
-        grid = read_latest(data, how)
-        if grid.last_s > made_s:
-            forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]))
-            forecast = forecast_now(forecaster, grid)
-            written = _append(out, forecast, unit) if out else []
-            written += _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
-            _show(forecast, unit, grid.notes, written, json)
-            made_s, grown_at = grid.last_s, time.monotonic()
-        if not follow or (idle is not None and time.monotonic() - grown_at > idle):
-            return
-        time.sleep(every)
+    read = partial(read_latest, data, replace(how, growing=follow))
+    for grid in grown(read, every, idle) if follow else [read()]:
+        forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]))
+        forecast = forecast_now(forecaster, grid)
+        written = append_forecast(out, forecast, unit) if out else []
+        written += _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
+        _show(forecast, unit, grid.notes, written, json)
 
 
 def _format(
@@ -200,40 +194,6 @@ def _write_figure(drawn: Any, path: Path | None) -> list[Path]:
     return write_page(drawn, path, "Forecast")
 
 
-def _append(path: Path, forecast: Forecast, unit: str) -> list[Path]:
-    """Appends one line per step and segment; a new file begins with the names of the columns.
-
-    Raises:
-        InvalidInputError: The file cannot be written.
-    """
-    try:
-        new = not path.exists()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
-                writer.writerow(["made_at", "time", "segment", "speed", "low", "high", "unit"])
-            writer.writerows(_lines(forecast, unit))
-    except OSError as error:
-        raise unwritable(path, error) from error
-    return [path]
-
-
-def _lines(forecast: Forecast, unit: str) -> Iterator[list[str]]:
-    from dohyo.agents.forecasting.data.speed_table import UNITS
-
-    for row, at in enumerate(forecast.times_s.tolist()):
-        for column, name in enumerate(forecast.segments):
-            ends = (forecast.ahead, forecast.low, forecast.high)
-            speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
-            yield [_moment(forecast.made_s), _moment(at), name, *speeds, unit]
-
-
-def _moment(time_s: float) -> str:
-    """A time as in the table; bare minutes count from 1970."""
-    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
-
-
 def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence[Path], as_json: bool) -> None:
     """Prints one forecast."""
     from dohyo.agents.forecasting.data.speed_table import UNITS
@@ -243,17 +203,17 @@ def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence
         for values in (forecast.ahead, forecast.low, forecast.high, forecast.latest)
     )
     if as_json:
-        times = [_moment(at) for at in forecast.times_s.tolist()]
+        times = [moment(at) for at in forecast.times_s.tolist()]
         speeds = {name: _known(values) for name, values in (("speed", ahead), ("low", low), ("high", high))}
-        document = {"made_at": _moment(forecast.made_s), "times": times, "segments": list(forecast.segments)}
+        document = {"made_at": moment(forecast.made_s), "times": times, "segments": list(forecast.segments)}
         print_json({**document, "unit": unit, **speeds, "windows": forecast.windows, "notes": list(notes)})
         return
-    console.print(f"{_moment(forecast.made_s)}: the next steps, {unit}", highlight=False)
+    console.print(f"{moment(forecast.made_s)}: the next steps, {unit}", highlight=False)
     rows = []
     for column, name in enumerate(forecast.segments):
         cells = [_cell(ahead[row, column], low[row, column], high[row, column]) for row in range(len(ahead))]
         rows.append((name, "-" if np.isnan(latest[column]) else number(float(latest[column])), *cells))
-    print_rows(["segment", "now", *(_moment(at)[11:16] for at in forecast.times_s.tolist())], rows)
+    print_rows(["segment", "now", *(moment(at)[11:16] for at in forecast.times_s.tolist())], rows)
     if np.isfinite(low).any():
         console.print(
             f"in brackets 90 % of the errors of {forecast.windows} past forecasts of this table; too narrow if the "

@@ -1,0 +1,91 @@
+"""Forecasts of a table that grows: when the next one is due, and the file that all of them are appended to."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dohyo.evaluation.output_file import unwritable
+
+if TYPE_CHECKING:
+    from dohyo.agents.forecasting.data.grid import Grid
+    from dohyo.agents.forecasting.now import Forecast
+
+COLUMNS = ("made_at", "time", "segment", "speed", "low", "high", "unit")
+"""Of the file of forecasts."""
+LOOKED_AT = 2**22
+"""Bytes at the end of that file in which a forecast is looked for that it may have already."""
+
+
+def grown(read: Callable[[], Grid], every_s: float, idle_s: float | None) -> Iterator[Grid]:
+    """A table as it is now, and again each time that a step has been added.
+
+    Args:
+        read: Reads the table.
+        every_s: Seconds between two readings.
+        idle_s: Ends once no step was added for so many seconds; None: never.
+
+    Raises:
+        InvalidInputError: The table cannot be read.
+    """
+    last_s, grown_at = -float("inf"), time.monotonic()
+    while True:
+        grid = read()
+        if grid.last_s > last_s:
+            yield grid
+            last_s, grown_at = grid.last_s, time.monotonic()
+        if idle_s is not None and time.monotonic() - grown_at > idle_s:
+            return
+        time.sleep(every_s)
+
+
+def append_forecast(path: Path, forecast: Forecast, unit: str) -> list[Path]:
+    """Appends a line per step and segment; a new file begins with the names of the columns.
+
+    What the file has of the same row of the same segment stays, so that a command that starts again adds nothing twice.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: The file cannot be written.
+    """
+    try:
+        new = not path.exists()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        there: set[str] = set() if new else _segments_at(path, moment(forecast.made_s))
+        with path.open("a", newline="") as file:
+            writer = csv.writer(file)
+            if new:
+                writer.writerow(COLUMNS)
+            writer.writerows(line for line in _lines(forecast, unit) if line[2] not in there)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    return [path]
+
+
+def moment(time_s: float) -> str:
+    """A time as in the table; bare minutes count from 1970."""
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _segments_at(path: Path, made_at: str) -> set[str]:
+    """Segments of which the end of a file has the forecast of one row."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - LOOKED_AT))
+        lines = csv.reader(file.read().decode(errors="replace").splitlines())
+        return {line[2] for line in lines if len(line) == len(COLUMNS) and line[0] == made_at}
+
+
+def _lines(forecast: Forecast, unit: str) -> Iterator[list[str]]:
+    from dohyo.agents.forecasting.data.speed_table import UNITS
+
+    for row, at in enumerate(forecast.times_s.tolist()):
+        for column, name in enumerate(forecast.segments):
+            ends = (forecast.ahead, forecast.low, forecast.high)
+            speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
+            yield [moment(forecast.made_s), moment(at), name, *speeds, unit]
