@@ -21,23 +21,26 @@ class Plans:
     _plans: dict[str, tuple[int, Points]] = field(default_factory=dict)
     _changed: bool = False
 
-    def take(self, given: Mapping[str, Points], egos: Sequence[str], tick: int, farthest_m: float) -> None:
-        """Takes the plans of a place.
+    @staticmethod
+    def check(given: Mapping[str, Points], egos: Sequence[str], farthest_m: float) -> None:
+        """Checks the plans of a place.
 
         Args:
             given: Plans by ego.
             egos: Egos of the place.
-            tick: Tick at which the plans are made.
             farthest_m: Largest coordinate, m.
 
         Raises:
-            InvalidInputError: A plan is of another ego, or a point is no place near it; none of the plans is taken.
+            InvalidInputError: A plan is of another ego, or a point is no place near it.
         """
         if unknown := sorted(set(given) - set(egos)):
             raise InvalidInputError(f"plans: expected those of {list(egos)} only, got {unknown[:10]} too")
         for ego, points in given.items():
             if not all(math.isfinite(one) and abs(one) <= farthest_m for point in points for one in point):
                 raise InvalidInputError(f"plans: '{ego}': expected points within {farthest_m:g} m of the ego")
+
+    def take(self, given: Mapping[str, Points], tick: int) -> None:
+        """Takes plans that were checked, which are made at a tick."""
         self._plans |= {ego: (tick, points) for ego, points in given.items()}
         self._changed |= bool(given)
 

@@ -26,6 +26,21 @@ Actions = Mapping[str, Mapping[str, Any]]
 """Action of each ego, packed for the process."""
 
 
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a worker has decided for a tick, checked.
+
+    Attributes:
+        actions: Action of each ego.
+        clipped: Actions with a value out of range.
+        poses: Pose of each ego whose vehicle is simulated elsewhere.
+    """
+
+    actions: Actions
+    clipped: int
+    poses: Mapping[str, Pose]
+
+
 @dataclass(eq=False, slots=True)
 class Seat:
     """A worker's place in a world.
@@ -93,8 +108,8 @@ class Seat:
         self.decision, self.last, self.repeated = None, None, False
         self._posed.clear()
 
-    def decide(self, actions: object, deciding: tuple[str, ...], poses: Mapping[str, Pose]) -> None:
-        """Takes the decision for this tick.
+    def check(self, actions: object, deciding: tuple[str, ...], poses: Mapping[str, Pose]) -> Decision:
+        """Checks the decision for this tick.
 
         Args:
             actions: Actions by ego, as they were sent.
@@ -111,11 +126,18 @@ class Seat:
             raise InvalidInputError(f"expected actions of {list(self.egos)} only, got {unknown[:10]} too")
         shape = tuple(self._control.space.shape)
         checked = {ego: checked_action(ego, given[ego], shape, self._control.checked) for ego in deciding}
+        given_poses: dict[str, Pose] = {}
         if isinstance(self._control, PoseControl):
-            self._check_poses({ego: self._control.pose(action) for ego, (action, _) in checked.items()}, poses)
-        self.clipped += sum(clipped for _, clipped in checked.values())
-        self.decision = self.last = {ego: pack(np.asarray(action)) for ego, (action, _) in checked.items()}
-        self.repeated = False
+            given_poses = {ego: self._control.pose(action) for ego, (action, _) in checked.items()}
+            self._check_poses(given_poses, poses)
+        packed = {ego: pack(np.asarray(action)) for ego, (action, _) in checked.items()}
+        return Decision(packed, sum(clipped for _, clipped in checked.values()), given_poses)
+
+    def decide(self, decision: Decision) -> None:
+        """Takes a decision for this tick that was checked."""
+        self.decision = self.last = decision.actions
+        self.repeated, self.clipped = False, self.clipped + decision.clipped
+        self._posed |= {ego: (pose, self.tick) for ego, pose in decision.poses.items()}
 
     def _check_poses(self, given: Mapping[str, Pose], poses: Mapping[str, Pose]) -> None:
         """Compares each pose with the last one that was sent, or with the present one where none was."""
@@ -125,7 +147,6 @@ class Seat:
                 check_plausible(before, pose, (self.tick - tick) * TICK_S)
             except ImplausiblePoseError as error:
                 raise InvalidInputError(f"pose of '{ego}': {error}") from None
-        self._posed |= {ego: (pose, self.tick) for ego, pose in given.items()}
 
     def repeat(self) -> None:
         """Takes the last decision once more; there is one."""

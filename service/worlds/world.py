@@ -303,15 +303,22 @@ class LiveWorld:
                 seat.waiting.remove(answer)
 
     def _decide(self, seat: Seat, step: WorldStep, fmt: Format) -> None:
-        if step.actors is not None:
-            if not seat.coupled:
-                raise InvalidInputError("actors: expected none of a place that did not join with coupled: true")
-            self.actors.change(seat.spec.name, step.actors)
+        """Takes all that a step has, or nothing of it."""
         deciding = tuple(ego for ego in seat.egos if ego in self.driving)
         poses = {ego: Pose(*pose) for ego, pose in self._shown.poses.items()}
-        if step.plans is not None:
-            self._plans.take(step.plans, seat.egos, seat.tick, FARTHEST_M)
-        seat.decide(decode(bytes(step.actions), fmt), deciding, poses)
+        decision = seat.check(decode(bytes(step.actions), fmt), deciding, poses)
+        plans = step.plans or {}
+        self._plans.check(plans, seat.egos, FARTHEST_M)
+        self._change_actors(seat, step)  # the last one that may refuse
+        self._plans.take(plans, seat.tick)
+        seat.decide(decision)
+
+    def _change_actors(self, seat: Seat, step: WorldStep) -> None:
+        if step.actors is None:
+            return
+        if not seat.coupled:
+            raise InvalidInputError("actors: expected none of a place that did not join with coupled: true")
+        self.actors.change(seat.spec.name, step.actors)
 
     def _advance(self) -> None:
         """Begins the next tick if nothing holds it."""

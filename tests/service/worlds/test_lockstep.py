@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
-from dohyo.service.errors import BusyError
+from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Kind
+from dohyo.service.simulating.actors import ActorChange, ActorRow
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.worlds.scripted import ScriptedWorld, place, step
 
 
@@ -64,3 +66,29 @@ def test_a_step_that_comes_while_a_reset_runs_enters_nothing_into_the_new_run(ti
         assert world.decided[-1].actors.put == []
 
     asyncio.run(reset())
+
+
+def test_a_step_that_is_refused_changes_nothing() -> None:
+    async def refuse() -> None:
+        world = ScriptedWorld()
+        world.show(0)
+        seat = await world.seat(place("sim", "front", control="pose"))
+        world.put_actors(ActorChange([ActorRow("of-the-owner", "car", 80.0, 0.0)]))
+        plan, foreign = {"front": [(1.0, 0.0)]}, GHOST | {"name": "of-the-owner"}
+        for fault, refusal in [
+            ({"action": at(50.0), "actors": {"put": [GHOST]}, "plans": plan}, InvalidInputError),
+            ({"action": at(1.0), "actors": {"put": [GHOST]}, "plans": {"back": []}}, InvalidInputError),
+            ({"action": at(1.0), "actors": {"put": [GHOST, foreign]}, "plans": plan}, ConflictError),
+        ]:
+            with pytest.raises(refusal):
+                await step(world, seat, 0, **fault)
+        assert (len(world.actors), seat.clipped, world.decided) == (1, 0, [])
+        await after(step(world, seat, 0, at(-0.5, -10.0)), world, 1)  # no pose was taken to compare this one with
+        assert [row.name for row in world.decided[0].actors.put] == ["of-the-owner"]
+        spectators = world.audience.events()
+        await anext(spectators)
+        world.process.seen(Kind.SCENE, b"{}")
+        assert b"plans" not in await anext(spectators)
+        await spectators.aclose()
+
+    asyncio.run(refuse())
