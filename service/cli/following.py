@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import sys
 import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -10,8 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dohyo.evaluation.output_file import unwritable
+from dohyo.service.cli.output import plain
+from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from dohyo.agents.forecasting.base import Forecaster
     from dohyo.agents.forecasting.data.grid import Grid
     from dohyo.agents.forecasting.now import Forecast
 
@@ -21,25 +25,39 @@ LOOKED_AT = 2**22
 """Bytes at the end of that file in which a forecast is looked for that it may have already."""
 
 
-def grown(read: Callable[[], Grid], every_s: float, idle_s: float | None) -> Iterator[Grid]:
-    """A table as it is now, and again each time that a step has been added.
+def followed(
+    read: Callable[[], Grid], load: Callable[[Grid], Forecaster], every_s: float, idle_s: float | None
+) -> Iterator[tuple[Grid, Forecast]]:
+    """A table and its forecast, now and each time that a step has been added.
+
+    An outage of the detectors, or a file that is not there for a while, is told once on standard error.
 
     Args:
         read: Reads the table.
+        load: Forecaster for a table.
         every_s: Seconds between two readings.
         idle_s: Ends once no step was added for so many seconds; None: never.
 
     Raises:
-        InvalidInputError: The table cannot be read.
+        InvalidInputError: The first reading failed, or the forecaster does not fit that table.
     """
-    last_s, grown_at = -float("inf"), time.monotonic()
-    while True:
-        grid = read()
-        if grid.last_s > last_s:
-            yield grid
-            last_s, grown_at = grid.last_s, time.monotonic()
-        if idle_s is not None and time.monotonic() - grown_at > idle_s:
-            return
+    from dohyo.agents.forecasting.now import forecast_now
+
+    begun, told, last_s, grown_at = False, "", -float("inf"), time.monotonic()
+    while idle_s is None or time.monotonic() - grown_at <= idle_s:
+        try:
+            grid = read()
+            if grid.last_s > last_s:
+                forecaster = load(grid)
+                begun, last_s, grown_at = True, grid.last_s, time.monotonic()
+                yield grid, forecast_now(forecaster, grid)
+                told, grown_at = "", time.monotonic()
+        except InvalidInputError as error:
+            if not begun:
+                raise
+            if str(error) != told:
+                told = str(error)
+                print(f"dohyo: {plain(told)}; looking again", file=sys.stderr)
         time.sleep(every_s)
 
 

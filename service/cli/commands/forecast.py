@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,12 +13,13 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.evaluation.output_file import check_output
-from dohyo.service.cli.following import append_forecast, grown, moment
+from dohyo.service.cli.following import append_forecast, followed, moment
 from dohyo.service.cli.output import Json, console, number, print_json, print_rows
 from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from dohyo.agents.forecasting.base import Forecaster
+    from dohyo.agents.forecasting.data.grid import Grid
     from dohyo.agents.forecasting.data.reading import Format
     from dohyo.agents.forecasting.data.speed_table import SpeedData
     from dohyo.agents.forecasting.data.windows import Windows
@@ -135,9 +136,15 @@ def run(
         check_output(out)
     how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit)
     read = partial(read_latest, data, replace(how, growing=follow))
-    for grid in grown(read, every, idle) if follow else [read()]:
-        forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]))
-        forecast = forecast_now(forecaster, grid)
+
+    def load(grid: Grid) -> Forecaster:
+        return _loaded(model, len(grid.names), grid.step_s, str(data[0]))
+
+    def once() -> Iterator[tuple[Grid, Forecast]]:
+        grid = read()
+        yield grid, forecast_now(load(grid), grid)
+
+    for grid, forecast in followed(read, load, every, idle) if follow else once():
         written = append_forecast(out, forecast, unit) if out else []
         written += _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
         _show(forecast, unit, grid.notes, written, json)

@@ -14,11 +14,13 @@ from typer.testing import CliRunner
 
 from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.reading import Format, read_latest
+from dohyo.agents.forecasting.simple import Persistence
 from dohyo.service.cli import app
-from dohyo.service.cli.following import grown
+from dohyo.service.cli.following import followed
+from dohyo.sumo_networks.errors import InvalidInputError
 
 START = datetime(2026, 3, 2, 9)
-EVERY_S, IDLE_S = 0.01, 0.05
+EVERY_S, IDLE_S = 0.01, 0.5
 
 
 def line(minute: int, speed: float) -> str:
@@ -36,9 +38,13 @@ def add(path: Path, text: str) -> None:
         file.write(text)
 
 
-def followed(*paths: Path, resample_s: float | None = None) -> Iterator[Grid]:
+def grids_of(*paths: Path, resample_s: float | None = None) -> Iterator[Grid]:
+    """A table each time that it is forecast."""
     how = Format("km/h", resample_s=resample_s, growing=True)
-    return grown(partial(read_latest, list(paths), how), EVERY_S, IDLE_S)
+    looks = followed(
+        partial(read_latest, list(paths), how), lambda grid: Persistence(len(grid.names), grid.step_s), EVERY_S, IDLE_S
+    )
+    return (grid for grid, _ in looks)
 
 
 def minute(grid: Grid) -> float:
@@ -55,7 +61,7 @@ def dohyo(*words: object) -> str:
 def test_a_step_is_due_once_every_file_has_it(tmp_path: Path) -> None:
     one, two = table(tmp_path / "one.csv", 20), table(tmp_path / "two.csv", 20)
     add(one, line(20, 95.0))
-    grids = followed(one, two)
+    grids = grids_of(one, two)
     assert minute(next(grids)) == 19
     add(two, line(20, 85.0))
     grid = next(grids)
@@ -66,20 +72,20 @@ def test_a_step_is_due_once_every_file_has_it(tmp_path: Path) -> None:
 
 def test_a_file_that_is_silent_delays_the_others_by_one_step(tmp_path: Path) -> None:
     one, two = table(tmp_path / "one.csv", 20), table(tmp_path / "two.csv", 20)
-    grids = followed(one, two)
+    grids = grids_of(one, two)
     assert minute(next(grids)) == 19
     add(one, line(20, 95.0) + line(21, 95.0))
     assert [minute(grid) for grid in grids] == [20]
 
 
 def test_a_step_of_means_is_due_once_a_later_row_is_there(tmp_path: Path) -> None:
-    path = table(tmp_path / "t.csv", 20)
-    add(path, line(20, 30.0))
-    grids = followed(path, resample_s=300.0)
-    assert minute(next(grids)) == 15
-    add(path, "".join(line(minute, 90.0) for minute in range(21, 26)))
+    path = table(tmp_path / "t.csv", 60)
+    add(path, line(60, 30.0))
+    grids = grids_of(path, resample_s=300.0)
+    assert minute(next(grids)) == 55
+    add(path, "".join(line(minute, 90.0) for minute in range(61, 66)))
     grid = next(grids)
-    assert minute(grid) == 20
+    assert minute(grid) == 60
     assert 3.6 * grid.speeds[-1, 0] == pytest.approx((30 + 4 * 90) / 5, rel=1e-4)
     assert list(grids) == []
 
@@ -87,7 +93,7 @@ def test_a_step_of_means_is_due_once_a_later_row_is_there(tmp_path: Path) -> Non
 def test_half_a_number_is_no_speed(tmp_path: Path) -> None:
     path = table(tmp_path / "t.csv", 20)
     add(path, line(20, 45.3)[:-3])
-    grids = followed(path)
+    grids = grids_of(path)
     assert minute(next(grids)) == 19
     add(path, ".3\n")
     assert 3.6 * next(grids).speeds[-1, 0] == pytest.approx(45.3, rel=1e-4)
@@ -103,3 +109,39 @@ def test_a_command_that_starts_again_appends_no_forecast_twice(tmp_path: Path) -
     dohyo(*run, "--follow", "--every", 0.05, "--idle", 0.1)
     written = [(row["made_at"], row["time"]) for row in csv.DictReader(out.open())]
     assert len(written) == len(set(written)) == 2 * 3
+
+
+def test_an_outage_is_told_once_and_then_forecasts_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = table(tmp_path / "t.csv", 20)
+    grids = grids_of(path)
+    assert minute(next(grids)) == 19
+    add(path, "".join(f"{START + timedelta(minutes=minute)},\n" for minute in range(20, 30)) + line(30, 90.0))
+    assert minute(next(grids)) == 30
+    add(path, "".join(f"{START + timedelta(minutes=minute)},\n" for minute in range(31, 41)))
+    assert list(grids) == [], "no forecast from eight steps without a speed"
+    assert capsys.readouterr().err.count("expected a speed in the last 8 steps, got none; looking again") == 1
+
+
+def test_a_file_that_is_rotated_is_followed_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = table(tmp_path / "t.csv", 20)
+    later = "time,speed\n" + "".join(line(minute, 90.0) for minute in range(20, 30))
+    contents = iter([None, None, "", "time,speed\n", later])
+    read = partial(read_latest, [path], Format("km/h", growing=True))
+
+    def reading() -> Grid:
+        try:
+            return read()
+        finally:
+            text = next(contents, later)
+            path.unlink(missing_ok=True) if text is None else path.write_text(text)
+
+    looks = followed(reading, lambda grid: Persistence(len(grid.names), grid.step_s), EVERY_S, IDLE_S)
+    assert [len(grid.place) for grid, _ in looks] == [20, 10]
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 3, "absent, empty, without rows; the first two readings fail alike"
+    assert "no file or folder" in told[0]
+
+
+def test_a_first_reading_that_fails_ends_the_command(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match="no file or folder"):
+        next(grids_of(tmp_path / "none.csv"))
