@@ -124,6 +124,7 @@ class LiveWorld:
         self._check_begun()
         self.seed = self.seed if seed is None else seed
         self.resets, self._revision, self._restarted = self.resets + 1, self._revision + 1, True
+        self._allowed = 0
         self._is_shown.clear()
         self.actors.clear()
         self._plans.forget(self.seats.drivers)
@@ -368,13 +369,16 @@ class LiveWorld:
                 self._watch(True)
             if self.ending:  # before it had begun
                 self.end(self.ending)
-        ticked, self._restarted = tick > self.tick or self._restarted, False
+        restarted, self._restarted = self._restarted, False
+        ticked = tick > self.tick or restarted
         self.tick, self.time_s, self.driving = tick, time_s, tuple(self._shown.driving)
         if not self.driving:
             self.status = WorldStatus.OVER
         self._is_shown.set()
         for seat in self.seats:
             self._show(seat, ticked)
+        if restarted:
+            self._renew()
         self._advance()
 
     def _show(self, seat: Seat, ticked: bool) -> None:

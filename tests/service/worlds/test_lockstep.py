@@ -10,6 +10,7 @@ import pytest
 from dohyo.service.errors import BusyError, ConflictError
 from dohyo.service.running.channel import Kind
 from dohyo.service.simulating.actors import ActorChange, ActorRow
+from dohyo.service.worlds.model import WorldStatus
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.worlds.scripted import ScriptedWorld, place, step
 
@@ -32,6 +33,7 @@ def test_the_process_gets_its_order_before_anything_else() -> None:
     asyncio.run(early())
 
 
+DEADLINE_S = 0.2
 GHOST = {"name": "ghost", "kind": "car", "x_m": 40.0, "y_m": 0.0}
 
 
@@ -92,3 +94,39 @@ def test_a_step_that_is_refused_changes_nothing() -> None:
         await spectators.aclose()
 
     asyncio.run(refuse())
+
+
+def test_a_reset_that_takes_long_costs_no_driver_its_place() -> None:
+    async def reset() -> None:
+        world = ScriptedWorld(pace="realtime", deadline_s=DEADLINE_S)
+        world.show(0)
+        seat = await world.seat(place("sim", "front"))
+        await after(step(world, seat, 0), world, 1)
+        resetting = asyncio.create_task(world.reset(None))
+        await asyncio.sleep(1.5 * DEADLINE_S)
+        world.sweep()
+        world.show(0)
+        await resetting
+        world.sweep()
+        assert list(world.seats) == [seat]
+
+    asyncio.run(reset())
+
+
+def test_a_reset_forgets_the_ticks_that_a_paused_world_had_left() -> None:
+    async def reset() -> None:
+        world = ScriptedWorld()
+        world.show(0)
+        seat = await world.seat(place("sim", "front"))
+        world.pause()
+        world.allow(10)
+        await after(step(world, seat, 0), world, 1)
+        await after(world.reset(None), world, 0)
+        waiting = asyncio.create_task(step(world, seat, 0))
+        await asyncio.sleep(0)
+        assert (world.status, len(world.decided)) == (WorldStatus.PAUSED, 1)
+        world.allow(1)
+        world.show(1)
+        assert (await waiting).tick == 1
+
+    asyncio.run(reset())
