@@ -278,6 +278,8 @@ class LiveWorld:
         """
         comes_late = self.clock.realtime and seat.repeated and step.tick < seat.tick
         if step.tick == seat.answered and seat.reply is not None and not comes_late:
+            if seat.repeated and not seat.ended:
+                self._change_actors(seat, step)  # it came too late for its tick: its actors are for the next one
             return seat.reply
         seat.refuse_ended()
         if self._restarted:  # it is of the run before, and answered as those that waited at the reset
@@ -287,6 +289,8 @@ class LiveWorld:
         # In real time a repetition may be under way; then this decision is the one that the next tick has.
         if seat.decision is None or (self.clock.realtime and seat.repeated):
             self._decide(seat, step, fmt)
+        elif seat.repeated:
+            self._change_actors(seat, step)
         if self.clock.realtime:  # also where the repetition of its last decision is being driven
             seat.due = time.monotonic() + self.deadline_s
         return await self._next(seat)

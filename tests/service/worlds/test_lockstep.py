@@ -130,3 +130,27 @@ def test_a_reset_forgets_the_ticks_that_a_paused_world_had_left() -> None:
         assert (await waiting).tick == 1
 
     asyncio.run(reset())
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_a_step_that_was_repeated_still_moves_its_actors(shown: bool) -> None:
+    async def repeat() -> None:
+        world = ScriptedWorld(deadline_s=DEADLINE_S)
+        world.show(0)
+        seat = await world.seat(place("sim", "front"))
+        await after(step(world, seat, 0, actors={"put": [GHOST]}), world, 1)
+        await asyncio.sleep(1.5 * DEADLINE_S)
+        world.sweep()  # repeats its decision
+        late = {"put": [GHOST | {"x_m": 41.0}]}
+        if shown:
+            world.show(2)
+            answers = [await step(world, seat, 1, actors=late) for _ in range(2)]  # a step may be sent again
+        else:
+            answers = [await after(step(world, seat, 1, actors=late), world, 2)]
+        assert {(one.tick, one.missed) for one in answers} == {(2, 1)}
+        await after(step(world, seat, 2), world, 3)
+        again = await step(world, seat, 2, actors={"remove": ["ghost"]})  # was taken: its repetition has no effect
+        assert (again.tick, len(world.actors)) == (3, 1)
+        assert [[row.x_m for row in one.actors.put] for one in world.decided] == [[40.0], [], [41.0]]
+
+    asyncio.run(repeat())
