@@ -46,7 +46,7 @@ class ShownActor(ActorRow, kw_only=True):
 
 
 class ActorChange(msgspec.Struct):
-    """Actors that are put or moved, and actors that are removed, before the next tick."""
+    """Actors that are put or moved before the next tick, after others are removed."""
 
     put: Annotated[list[ActorRow], Meta(max_length=MOST_ACTORS)] = []
     remove: Annotated[list[ActorName], Meta(max_length=MOST_ACTORS)] = []
@@ -66,11 +66,10 @@ class WorldActors:
         """Forgets all actors: the world begins anew."""
         self._external = ExternalActors()
         self._by: dict[str, str] = {}
-        self._put: dict[str, ActorRow] = {}
-        self._removed: dict[str, None] = {}
+        self._put: dict[str, ActorRow] = {}  # since the last tick
 
     def change(self, by: str, change: ActorChange) -> None:
-        """Puts, moves and removes actors, all or none.
+        """Removes actors, then puts and moves others, all or none.
 
         Args:
             by: Name of the worker; "" for the owner of the world.
@@ -83,24 +82,28 @@ class WorldActors:
         for name in [*(row.name for row in change.put), *change.remove]:
             if self._by.get(name, by) != by:
                 raise ConflictError(f"actor '{name}' was put by {self._by[name] or 'the owner of the world'}")
-        self._external.put([row.external() for row in change.put])
+        self._external.change([row.external() for row in change.put], change.remove)
+        self._forget(change.remove)
         self._by |= {row.name: by for row in change.put}
         self._put |= {row.name: row for row in change.put}
-        self._remove(change.remove)
 
     def forget(self, by: str) -> None:
         """Removes all that a worker has put."""
-        self._remove([name for name, one in self._by.items() if one == by])
+        names = [name for name, one in self._by.items() if one == by]
+        self._external.remove(names)
+        self._forget(names)
 
     def changed(self) -> ActorChange:
-        """What has changed since the last call."""
-        change = ActorChange(list(self._put.values()), list(self._removed))
-        self._put, self._removed = {}, {}
-        return change
+        """What has changed since the last call, for the next tick.
 
-    def _remove(self, names: list[str]) -> None:
-        self._external.remove(names)
+        The order is that of the workers' names, and of each one's rows: it decides the actors' keys in the record,
+        so it does not depend on which worker is faster.
+        """
+        put = sorted(self._put.values(), key=lambda row: self._by[row.name])
+        self._put = {}
+        return ActorChange(put, self._external.begin_tick())
+
+    def _forget(self, names: list[str]) -> None:
         for name in names:
+            self._by.pop(name, None)
             self._put.pop(name, None)
-            if self._by.pop(name, None) is not None:
-                self._removed[name] = None

@@ -214,8 +214,7 @@ class WorldProcess:
             decided = msgspec.msgpack.decode(payload, type=Decided)
             for name, action in decided.actions.items():
                 self.egos[name].action = unpack(action)
-            self.env.external.put(row.external() for row in decided.actors.put)
-            self.env.external.remove(decided.actors.remove)
+            self.env.external.change((row.external() for row in decided.actors.put), decided.actors.remove)
             return True
         return False
 

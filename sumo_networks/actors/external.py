@@ -15,6 +15,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import ActorKind
 
 MOST_ACTORS: Final = 2000
+MOST_NAMES: Final = 50_000
+"""Names of external actors that one simulation may show; each stays in its registry, and in memory."""
 FASTEST_MPS: Final = 100.0
 LONGEST_M: Final = 50.0
 FARTHEST_M: Final = 1e7
@@ -32,6 +34,7 @@ SIZES: Final = MappingProxyType(
 )
 """Length and width of an actor whose size is not given, m."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:-]{0,99}")
+_Body = tuple[ActorKind, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,18 +81,24 @@ class ExternalActor:
                 f"{where}: expected a size of 0.05 to {LONGEST_M:g} m, got {self.length}, {self.width}"
             )
 
+    @property
+    def body(self) -> _Body:
+        """Kind, length and width [m]."""
+        return self.kind, self.length, self.width
+
 
 class ExternalActors:
     """All external actors of one simulation.
 
-    They stay where they were put until they are put elsewhere. An actor keeps its kind and its size.
+    They stay where they were put until they are put elsewhere. A name that a tick has shown keeps its kind and its
+    size, also after it was removed.
     """
 
     def __init__(self) -> None:
         """Begins with none."""
         self._actors: dict[str, ExternalActor] = {}
-        self._bodies: dict[str, tuple[ActorKind, float, float]] = {}
-        self._gone: list[str] = []
+        self._bodies: dict[str, _Body] = {}  # of all names that a tick has shown
+        self._last: tuple[str, ...] = ()  # names in the last tick
 
     def __len__(self) -> int:
         return len(self._actors)
@@ -98,35 +107,48 @@ class ExternalActors:
         return iter(self._actors.values())
 
     def put(self, actors: Iterable[ExternalActor]) -> None:
-        """Puts new actors and moves those that are there; either all or none.
-
-        Raises:
-            InvalidInputError: There would be too many, or an actor changes its kind or size.
-        """
-        given = {actor.name: actor for actor in actors}
-        if len(self._actors.keys() | given) > MOST_ACTORS:
-            raise InvalidInputError(f"actors: expected at most {MOST_ACTORS} external actors, got more")
-        for name, actor in given.items():
-            body = actor.kind, actor.length, actor.width
-            if self._bodies.get(name, body) != body:
-                raise InvalidInputError(f"actor '{name}': expected its first kind and size, {self._bodies[name]}")
-        self._bodies |= {name: (one.kind, one.length, one.width) for name, one in given.items()}
-        self._actors |= given
+        """Puts new actors and moves those that are there; see `change`."""
+        self.change(actors, ())
 
     def remove(self, names: Iterable[str]) -> None:
         """Removes actors; a name that is not there is no error."""
-        self._gone += [name for name in names if self._actors.pop(name, None) is not None]
+        self.change((), names)
+
+    def change(self, put: Iterable[ExternalActor], remove: Iterable[str]) -> None:
+        """Removes actors, then puts new ones and moves those that are there; either all or none.
+
+        Raises:
+            InvalidInputError: There would be too many actors or names, or an actor changes its kind or size.
+        """
+        gone, given = set(remove), {actor.name: actor for actor in put}
+        kept = {name: one for name, one in self._actors.items() if name not in gone}
+        for name, one in given.items():
+            kind, length, width = self._bodies.get(name) or kept.get(name, one).body
+            if one.body != (kind, length, width):
+                first = f"{kind.name.lower()} of {length:g} by {width:g} m"
+                raise InvalidInputError(f"actor '{name}': expected its first kind and size, {first}")
+        after = kept | given
+        if len(after) > MOST_ACTORS:
+            raise InvalidInputError(f"actors: expected at most {MOST_ACTORS} external actors, got more")
+        if len(self._bodies) + sum(name not in self._bodies for name in after) > MOST_NAMES:
+            raise InvalidInputError(f"actors: expected at most {MOST_NAMES} names, got more; use removed ones again")
+        self._actors = after
+
+    def begin_tick(self) -> list[str]:
+        """Shows all actors in the next tick; returns the names that only the tick before it had."""
+        gone = [name for name in self._last if name not in self._actors]
+        self._bodies |= {name: one.body for name, one in self._actors.items() if name not in self._bodies}
+        self._last = tuple(self._actors)
+        return gone
 
     def requests(self, edges: tuple[str, ...]) -> Iterator[Request]:
-        """Requests that move their SUMO proxies.
+        """Requests that move their SUMO proxies; this begins a tick.
 
         Args:
             edges: Any route of the network, since SUMO requires one for every proxy.
         """
-        gone, self._gone = self._gone, []
-        for name in gone:
-            if name not in self._actors:
-                yield HideActor(external_actor(name))
+        for name in self.begin_tick():
+            yield HideActor(external_actor(name))
         for one in self._actors.values():
             box = one.x, one.y, one.heading, one.length, one.width
             yield ShowActor(external_actor(one.name), one.kind, *box, across=None, edges=edges)

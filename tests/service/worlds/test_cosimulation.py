@@ -38,6 +38,12 @@ def moved(found: Any, metres: float) -> list[float]:
     return [x, y, found["heading_rad"], 10.0 * metres * cos, 10.0 * metres * sin]
 
 
+def put(client: Client, seat: Any, tick: int, actors: Any, **actions: Any) -> httpx.Response:
+    """A step that changes actors."""
+    body = {"tick": tick, "actions": actions, "actors": actors}
+    return client.send("POST", f"/v1/seats/{seat['seat']}/step", body, seat["token"])
+
+
 def test_a_pose_is_driven_and_a_lie_is_refused_and_a_wall_is_judged(client: Client) -> None:
     plain = scenario(2)
     probe = client.world(scenario=plain.model_dump(mode="json"))
@@ -80,22 +86,18 @@ def test_actors_of_two_simulators_and_of_the_owner(client: Client) -> None:
     client.order(world, "resume")
     leader, at = ego_row(sim, "front"), ego_row(sim, "middle")
 
-    def put(seat: Any, tick: int, actors: Any, **actions: Any) -> httpx.Response:
-        body = {"tick": tick, "actions": actions, "actors": actors}
-        return client.send("POST", f"/v1/seats/{seat['seat']}/step", body, seat["token"])
-
     thousand = [row(f"s{i}", leader["x_m"] + 40.0, leader["y_m"] + 0.1 * i) for i in range(1000)]
     ahead = moved(at, 6.0)
     truck = row("truck", *ahead[:2], kind="truck", heading_rad=at["heading_rad"])
     posted = client.send("POST", f"/v1/worlds/{world}/actors", {"put": [truck]})
     assert (posted.status_code, client.get(world)["actors"]) == (204, 1)
-    assert put(driver, 0, {"put": [row("x", 0.0, 0.0)]}, middle=AHEAD).status_code == 422
-    assert put(sim, 0, {"remove": ["truck"]}).status_code == 409, "the owner put it"
-    assert put(sim, 0, {"put": [row("bad", 0.0, 0.0, speed_mps=-1.0)]}).status_code == 422
+    assert put(client, driver, 0, {"put": [row("x", 0.0, 0.0)]}, middle=AHEAD).status_code == 422
+    assert put(client, sim, 0, {"remove": ["truck"]}).status_code == 409, "the owner put it"
+    assert put(client, sim, 0, {"put": [row("bad", 0.0, 0.0, speed_mps=-1.0)]}).status_code == 422
     with ThreadPoolExecutor(3) as pool:
         steps = [
-            pool.submit(put, sim, 0, {"put": thousand}),
-            pool.submit(put, other, 0, {"put": [row("o1", 0.0, 0.0)]}),
+            pool.submit(put, client, sim, 0, {"put": thousand}),
+            pool.submit(put, client, other, 0, {"put": [row("o1", 0.0, 0.0)]}),
             pool.submit(client.step, driver, 0, middle=[0.0, 0.0]),
         ]
         answers = [one.result().json() for one in steps]
@@ -106,5 +108,77 @@ def test_actors_of_two_simulators_and_of_the_owner(client: Client) -> None:
     assert client.send("POST", f"/v1/seats/{sim['seat']}/leave", token=sim["token"]).status_code == 204
     assert client.get(world)["actors"] == 2, "its actors are gone with it"
     again = client.seat(world, "other", coupled=True)
-    assert put(again, 1, {"put": [row("o1", 1.0, 0.0, kind="bus")]}).status_code == 422, "a bus was no car before"
+    assert put(client, again, 1, {"put": [row("o1", 1.0, 0.0, kind="bus")]}).status_code == 422, (
+        "a bus was no car before"
+    )
     assert client.order(world, "reset", {"seed": 1})["actors"] == 0
+
+
+def test_an_actor_that_is_removed_and_put_again_between_two_ticks_is_there(client: Client) -> None:
+    world = client.world(undriven="stand")
+    seat = client.seat(world, "sim", "front", sensors=["objects"], track="privileged", coupled=True)
+    client.order(world, "resume")
+    ahead = moved(ego_row(seat, "front"), 10.0)
+    seen = []
+    for tick in range(3):
+        if tick > 0:
+            assert client.send("POST", f"/v1/worlds/{world}/actors", {"remove": ["one"]}).status_code == 204
+        one = {"put": [row("one", ahead[0] + tick, ahead[1])]}
+        assert client.send("POST", f"/v1/worlds/{world}/actors", one).status_code == 204
+        answer = client.step(seat, tick, front=[0.0, 0.0]).json()
+        seen.append([found[1] for found in answer["observations"]["front"]["objects"] if 5.0 < found[1] < 20.0])
+    assert [len(one) for one in seen] == [1, 1, 1]
+    assert seen[2] != seen[1] != seen[0], "and it has moved"
+
+
+def named(first: int, count: int) -> list[str]:
+    """Names of actors."""
+    return [f"c{first + i}" for i in range(count)]
+
+
+def cars(first: int, count: int) -> list[dict[str, Any]]:
+    """Cars of these names, far from all egos."""
+    return [row(name, 0.0, 0.0) for name in named(first, count)]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [{"remove": named(0, 1200), "put": cars(2000, 1200)}],
+        [{"remove": named(0, 1200)}, {"put": cars(2000, 1200)}],
+        [
+            change
+            for first in (2000, 3000, 4000)
+            for change in ({"put": cars(first, 700)}, {"remove": named(first, 700)})
+        ],
+    ],
+    ids=["in_one_request", "in_two_requests", "unseen"],
+)
+def test_a_world_goes_on_after_any_exchange_of_its_actors(client: Client, changes: list[dict[str, Any]]) -> None:
+    world = client.world(undriven="stand")
+    sim = client.seat(world, "sim", coupled=True)
+    client.order(world, "resume")
+    for tick, sent in enumerate([[{"put": cars(0, 1200)}], changes]):
+        for change in sent:
+            assert client.send("POST", f"/v1/worlds/{world}/actors", change).status_code == 204
+        assert client.step(sim, tick).json()["tick"] == tick + 1
+    assert (client.get(world)["status"], client.get(world)["actors"]) == ("running", 1200)
+
+
+def test_the_faster_of_two_simulators_decides_nothing_in_the_record(client: Client) -> None:
+    hashes = set()
+    for order in (("a", "b"), ("b", "a")):
+        world = client.world(undriven="stand", record=True)
+        seats = {name: client.seat(world, name, coupled=True) for name in ("a", "b")}
+        client.order(world, "resume")
+        x, y = moved(ego_row(seats["a"], "front"), 20.0)[:2]
+        rows = {"a": [row("z", x, y), row("m", x, y + 3.0)], "b": [row("k", x + 8.0, y, kind="van")]}
+        with ThreadPoolExecutor(1) as pool:
+            first = pool.submit(put, client, seats[order[0]], 0, {"put": rows[order[0]]})
+            client.until(world, lambda found: found["actors"] > 0)
+            assert put(client, seats[order[1]], 0, {"put": rows[order[1]]}).status_code == 200
+            assert first.result().status_code == 200
+        client.order(world, "end")
+        client.until(world, lambda found: found["finished"] is not None)
+        hashes.add(client.send("GET", f"/v1/worlds/{world}/record").json()["trajectory_sha256"])
+    assert len(hashes) == 1

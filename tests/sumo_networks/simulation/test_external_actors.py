@@ -8,7 +8,7 @@ import libsumo
 import numpy as np
 import pytest
 
-from dohyo.sumo_networks.actors.external import MOST_ACTORS, SIZES, ExternalActor
+from dohyo.sumo_networks.actors.external import MOST_ACTORS, MOST_NAMES, SIZES, ExternalActor, ExternalActors
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario, Traffic, TrafficFlow
@@ -102,3 +102,39 @@ def test_what_no_actor_can_be_is_refused(start: Start) -> None:
     with pytest.raises(InvalidInputError, match="at most"):
         external.put(box(f"c{i}", 0.0, 0.0) for i in range(MOST_ACTORS))
     assert [one.name for one in external] == ["a"], "all or none"
+
+
+def test_actors_are_removed_before_others_are_put() -> None:
+    external = ExternalActors()
+    external.put(box(f"a{i}", 0.0, 0.0) for i in range(MOST_ACTORS))
+    others = [box(f"b{i}", 0.0, 0.0) for i in range(1200)]
+    with pytest.raises(InvalidInputError, match="at most 2000 external actors"):
+        external.change(others, [f"a{i}" for i in range(1199)])
+    assert {one.name for one in external} == {f"a{i}" for i in range(MOST_ACTORS)}, "all or none"
+    external.change([*others, box("a0", 1.0, 0.0)], [f"a{i}" for i in range(1201)])
+    assert (len(external), {one.x for one in external if one.name == "a0"}) == (MOST_ACTORS, {1.0})
+
+
+def test_an_actor_that_a_tick_has_shown_keeps_its_kind_and_size_also_after_it_was_removed() -> None:
+    external = ExternalActors()
+    external.put([box("a", 0.0, 0.0)])
+    external.change([box("a", 0.0, 0.0, ActorKind.BUS)], ["a"])
+    assert external.begin_tick() == []
+    for gone in (["a"], []):
+        external.remove(["a"])
+        assert external.begin_tick() == gone
+    with pytest.raises(InvalidInputError, match=r"first kind and size, bus of 12 by 2\.5 m"):
+        external.put([box("a", 0.0, 0.0)])
+    external.put([box("a", 5.0, 0.0, ActorKind.BUS)])
+
+
+def test_the_names_of_a_simulation_are_bounded_and_removed_ones_may_come_again() -> None:
+    external = ExternalActors()
+    for first in range(0, MOST_NAMES, MOST_ACTORS):
+        external.change((box(f"a{first + i}", 0.0, 0.0) for i in range(MOST_ACTORS)), [one.name for one in external])
+        external.begin_tick()
+    external.remove([one.name for one in external])
+    with pytest.raises(InvalidInputError, match="at most 50000 names, got more; use removed ones again"):
+        external.put([box("a0", 0.0, 0.0), box("new", 0.0, 0.0)])
+    external.put([box("a0", 0.0, 0.0)])
+    assert len(external) == 1
