@@ -58,7 +58,7 @@ class LiveWorld:
         guests: Other owners who may join it.
         seats: Places of its workers.
         begun: Whether its first tick was shown.
-        heard: Monotonic time of the last request.
+        heard: Monotonic time of the last request, or when it ran in real time before spectators.
         ending: Why it was ended; "" while it goes on.
         audience: Its spectators.
     """
@@ -397,10 +397,12 @@ class LiveWorld:
     def sweep(self) -> None:
         """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""
         self._tell_state()
-        self.audience.beat(time.monotonic())
+        now = time.monotonic()
+        self.audience.beat(now)
         if not self._goes_on or not self.driving:
             return
-        now = time.monotonic()
+        if self.clock.realtime and self.audience.watching:
+            self.heard = now
         if not self._is_shown.is_set():
             # A world that is slower than its pace is always at a tick.
             for seat in [one for one in self.seats if self.clock.realtime and one.repeated and now > one.due]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import product
 from typing import Any
 
 import pytest
@@ -154,3 +155,24 @@ def test_a_step_that_was_repeated_still_moves_its_actors(shown: bool) -> None:
         assert [[row.x_m for row in one.actors.put] for one in world.decided] == [[40.0], [], [41.0]]
 
     asyncio.run(repeat())
+
+
+@pytest.mark.parametrize(
+    ("pace", "watched", "paused"), list(product(["realtime", "lockstep"], [True, False], [True, False]))
+)
+def test_a_world_that_runs_in_real_time_before_spectators_is_not_idle(pace: str, watched: bool, paused: bool) -> None:
+    async def watch() -> None:
+        world = ScriptedWorld(pace=pace)
+        world.show(0)
+        world.resume()
+        if paused:
+            world.pause()
+        spectators = world.audience.events()
+        if watched:
+            await anext(spectators)
+        before = world.heard
+        world.sweep()
+        assert (world.heard > before) == (pace == "realtime" and watched and not paused)
+        await spectators.aclose()
+
+    asyncio.run(watch())
