@@ -16,7 +16,6 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 LEAST_ERRORS, MOST_WINDOWS = 30, 2000
 """Fewest past errors for an interval, and the number of the latest windows that give them."""
-SAME_STEP = 0.01
 
 
 @dataclass(frozen=True)
@@ -47,26 +46,6 @@ class Forecast:
     def times_s(self) -> FloatArray:
         """(3,) times of the forecast rows."""
         return np.asarray(self.made_s + self.step_s * np.arange(1.0, HORIZON + 1.0))
-
-
-def check_fits(forecaster: Forecaster, segments: int, step_s: float, model: str, source: str) -> None:
-    """Refuses a table that a forecaster was not trained for.
-
-    Raises:
-        InvalidInputError: The number of columns or the step differs.
-    """
-    if forecaster.segments != segments:
-        raise InvalidInputError(
-            f"'{model}' forecasts {forecaster.segments} segments, '{source}' has {segments}; train one on it with "
-            "dohyo forecast fit"
-        )
-    if abs(forecaster.step_s - step_s) > SAME_STEP * step_s:
-        own, rows = forecaster.step_s / 60, step_s / 60
-        raise InvalidInputError(
-            f"'{model}' forecasts rows {own:g} min apart, those of '{source}' are {rows:g} min apart; "
-            + (f"--resample {own:g}, or " if own > rows else "")
-            + "train one on it with dohyo forecast fit"
-        )
 
 
 def forecast_now(forecaster: Forecaster, grid: Grid) -> Forecast:

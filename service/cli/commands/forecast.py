@@ -174,12 +174,12 @@ def _read(paths: Sequence[Path], how: Format) -> SpeedData:
 def _loaded(model: str, segments: int, step_s: float, source: str) -> Forecaster:
     """Forecaster that fits a table."""
     from dohyo.agents.forecasting import registry
-    from dohyo.agents.forecasting.now import check_fits
+    from dohyo.agents.forecasting.files.fitting import check_fits, load_fitting
     from dohyo.agents.forecasting.simple import Persistence
 
     if model == Persistence.name:
         return registry.make_forecaster(model, segments, step_s)
-    forecaster = registry.load_forecaster(model)
+    forecaster = load_fitting(model)
     check_fits(forecaster, segments, step_s, model, source)
     return forecaster
 
@@ -258,10 +258,10 @@ def _report(
     from dohyo.agents.forecasting.simple import Persistence
 
     simple = Persistence(len(table.segments), table.step_s)
+    free_mps = _free_mps(forecaster, table)
     found: dict[str, dict[str, Any]] = {}
     for name in sets:
         windows = make_windows(table.stretches(name), table.step_s)
-        free_mps = forecaster.free_mps if forecaster.free_mps > 1.0 else float(np.quantile(windows.history, 0.999))
         days = len(np.unique(windows.stretch))
         found[name] = {"windows": len(windows), "stretches": days, "free_mps": free_mps}
         for label, one in {forecaster_name(forecaster): forecaster, simple.name: simple}.items():
@@ -274,6 +274,16 @@ def _report(
     _print_errors(table, found)
     for path in written:
         console.print(f"written: {path.resolve()}", soft_wrap=True)
+
+
+def _free_mps(forecaster: Forecaster, table: SpeedData) -> float:
+    """Speed with the normalised value 1: the forecaster's own, else that of one trained on this table."""
+    from dohyo.agents.forecasting.base import FREE_QUANTILE
+    from dohyo.agents.forecasting.data.windows import make_windows
+
+    if forecaster.free_mps > 1.0:
+        return forecaster.free_mps
+    return float(np.quantile(make_windows(table.stretches("train"), table.step_s).history, FREE_QUANTILE))
 
 
 def _measured(forecaster: Forecaster, windows: Windows, free_mps: float) -> dict[str, Any]:
@@ -305,6 +315,8 @@ def _print_errors(table: SpeedData, found: Mapping[str, Mapping[str, Any]]) -> N
         f"means over stretches (mostly days; {counts}), each with the same weight, of the mean over its windows and "
         "segments; 95 % over stretches"
     )
+    free_kmh = 3.6 * next(iter(found.values()))["free_mps"]
+    console.print(f"the speed 1 of MSE x 10^3 is {free_kmh:.1f} km/h")
     for name, facts in found.items():
         scores = [
             f"{_optional(one['frontier_f1'][-1])} by {label}" for label, one in facts.items() if isinstance(one, dict)

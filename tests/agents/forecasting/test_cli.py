@@ -70,3 +70,19 @@ def test_what_does_not_fit_is_one_clear_line(tmp_path: Path) -> None:
     wider = write_csv(tmp_path / "w.csv", road_speeds(200, 4))
     with pytest.raises(DohyoError, match=r"forecasts 3 segments, .* has 4; train one on it"):
         dohyo("forecast", "evaluate", "--data", wider, "--model", tmp_path / "f.safetensors")
+
+
+def test_a_model_has_the_same_errors_in_each_of_its_files(tmp_path: Path) -> None:
+    """Its unit of speed is that of its training, also where the test part is slower."""
+    speeds = road_speeds(1000, 3) * np.where(np.arange(1000) < 800, 1.0, 0.7)[:, None]
+    table = write_csv(tmp_path / "t.csv", speeds)
+    fit = ("forecast", "fit", "--data", table, "--model", "tsmixer", "--steps", 5, "--depth", -1)
+    fitted = json.loads(dohyo(*fit, "--out", tmp_path / "f.safetensors", "--json"))["sets"]["test"]
+    evaluate = ("forecast", "evaluate", "--data", table, "--model")
+    onnx, alone = (
+        json.loads(dohyo(*evaluate, model, "--json"))["sets"]["test"] for model in (tmp_path / "f.onnx", "persistence")
+    )
+    assert onnx["free_mps"] == fitted["free_mps"]
+    np.testing.assert_allclose(onnx["onnx"]["mse_x1000"], fitted["tsmixer"]["mse_x1000"], rtol=1e-3)
+    assert alone["persistence"]["mse_x1000"] == fitted["persistence"]["mse_x1000"]
+    assert f"the speed 1 of MSE x 10^3 is {3.6 * fitted['free_mps']:.1f} km/h" in dohyo(*evaluate, "persistence")

@@ -1,0 +1,1 @@
+"""Files of forecasters: loading one for a road or a table."""
