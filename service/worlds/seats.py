@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from dohyo.service.errors import ConflictError
+from dohyo.service.errors import ConflictError, TooManyRequestsError
 from dohyo.service.worlds.seat import Seat
 from dohyo.sumo_networks.errors import InvalidInputError
 
 MOST_NAMED = 50
+MOST_WITHOUT_EGOS = 8
+"""Places of one owner without an ego in a world; the others are as many as egos at most."""
 
 
 class Seats:
@@ -80,9 +82,14 @@ class Seats:
         Raises:
             InvalidInputError: There is no such ego.
             ConflictError: An ego has ended its drive, or another worker drives it or has the name.
+            TooManyRequestsError: Its owner has too many places without an ego.
         """
         if before is not None and before.owner != seat.owner:
             raise ConflictError(f"another owner's worker has the name '{seat.spec.name}' in this world")
+        others = [one for one in self if one is not before and one.owner == seat.owner and not one.egos]
+        if not seat.egos and len(others) >= MOST_WITHOUT_EGOS:
+            most = f"at most {MOST_WITHOUT_EGOS} places without an ego of one owner in a world"
+            raise TooManyRequestsError(f"expected {most}; leave one", retry_s=60)
         held = {ego: one for one in self if one is not before for ego in one.egos}
         for ego in seat.egos:
             if ego not in self._egos:

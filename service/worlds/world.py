@@ -193,6 +193,7 @@ class LiveWorld:
             InvalidInputError: There is no such ego.
             ConflictError: An ego has ended its drive, or another worker drives it or has the name.
             GoneError: The world, or the drives of its egos, ended meanwhile.
+            TooManyRequestsError: The owner has too many places without an ego.
             BusyError: The world has not begun yet, or the simulation takes too long.
         """
         self._check_begun()

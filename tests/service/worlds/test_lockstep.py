@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from dohyo.service.errors import BusyError, ConflictError
+from dohyo.service.errors import BusyError, ConflictError, TooManyRequestsError
 from dohyo.service.running.channel import Kind
 from dohyo.service.simulating.actors import ActorChange, ActorRow
 from dohyo.service.worlds.model import WorldStatus
+from dohyo.service.worlds.seats import MOST_WITHOUT_EGOS
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.worlds.scripted import ScriptedWorld, place, step
 
@@ -177,3 +178,19 @@ def test_a_world_that_runs_in_real_time_before_spectators_is_not_idle(pace: str)
         await spectators.aclose()
 
     asyncio.run(watch())
+
+
+def test_an_owner_has_a_few_places_without_an_ego() -> None:
+    async def join() -> None:
+        world = ScriptedWorld()
+        world.show(0)
+        for number in range(MOST_WITHOUT_EGOS):
+            await world.seat(place(f"sim-{number}", owner="guest"))
+        with pytest.raises(TooManyRequestsError, match="at most 8 places without an ego"):
+            await world.join(place("one-more", owner="guest"))
+        await world.seat(place("sim-0", owner="guest"))  # it joins again
+        await world.seat(place("driver", "front", owner="guest"))
+        await world.seat(place("other"))
+        assert len(world.seats) == MOST_WITHOUT_EGOS + 2
+
+    asyncio.run(join())
