@@ -20,8 +20,9 @@ from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.reading import read_set
 from dohyo.agents.forecasting.data.speed_table import UNITS
 from dohyo.agents.forecasting.data.windows import Windows, make_windows
+from dohyo.agents.forecasting.files.fitting import load_fitting
 from dohyo.agents.forecasting.judge import forecast_all, measures_by_stretch
-from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster, shipped
+from dohyo.agents.forecasting.registry import CHECKPOINTS, make_forecaster, shipped
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.agents.forecasting.study.latency import measure
 from dohyo.evaluation.entry import load_entry
@@ -125,7 +126,7 @@ def forecaster_named(name: str, segments: int, settings: Mapping[str, Any]) -> t
     exported = ShippedSettings(**settings).exported
     if name == Persistence.name:
         return make_forecaster(name, segments), AgentFacts(name, {}, "")
-    forecaster = load_forecaster(name, exported=exported)
+    forecaster = load_fitting(name, segments, exported)
     file = CHECKPOINTS / f"{name}{'.onnx' if exported else '.safetensors'}" if name in shipped() else Path(name)
     return forecaster, AgentFacts(name, dict(settings), hashlib.sha256(file.read_bytes()).hexdigest())
 

@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
+
 from dohyo.agents.forecasting.base import Forecaster, read_file
+from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON
 from dohyo.agents.forecasting.exported import Exported
 from dohyo.agents.forecasting.registry import load_forecaster
+from dohyo.agents.learning.policies.session import session_from
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SAME_STEP = 0.01
+TRIED_MPS = 20.0
+"""Speed of the history that a model is tried with."""
 
 
-def load_fitting(model: str, exported: bool = False) -> Forecaster:
+class AnyWidth(Exported):
+    """A model that leaves its number of segments open, on a road of N."""
+
+    def __init__(self, path: Path, segments: int) -> None:
+        Forecaster.__init__(self, segments)
+        self.session, self.path = session_from(path, "forecaster"), path
+
+
+def load_fitting(model: str, segments: int, exported: bool = False) -> Forecaster:
     """Trained forecaster; an ONNX model has the facts of the .safetensors file beside it.
 
     Args:
         model: A shipped one, or the path of a .safetensors or .onnx file.
+        segments: Number of segments, N, for an ONNX model that leaves it open.
         exported: See `load_forecaster`.
 
     Raises:
-        InvalidInputError: There is no such forecaster, or its file is damaged.
+        InvalidInputError: There is no such forecaster, its file is damaged, or it gives no forecast of three rows.
     """
-    forecaster = load_forecaster(model, exported=exported)
+    path = Path(model)
+    is_open = path.suffix == ".onnx" and _leaves_width_open(path)
+    forecaster = AnyWidth(path, segments) if is_open else load_forecaster(model, exported=exported)
     if isinstance(forecaster, Exported):
         _take_facts(forecaster)
+        _try(forecaster)
     return forecaster
 
 
@@ -57,3 +77,26 @@ def _take_facts(forecaster: Exported) -> None:
         forecaster.free_mps = float(facts.get("free_mps", forecaster.free_mps))
     except ValueError as error:
         raise InvalidInputError(f"forecaster '{beside}' is damaged: {error}") from error
+
+
+def _leaves_width_open(path: Path) -> bool:
+    """Whether the input `history` is (8, N) with a name instead of a number N."""
+    inputs = {one.name: one.shape for one in session_from(path, "forecaster").get_inputs()}
+    shape = inputs.get("history", [])
+    return len(inputs) == 1 and len(shape) == 2 and shape[0] == HISTORY and not isinstance(shape[1], int)
+
+
+def _try(forecaster: Exported) -> None:
+    """Refuses a model whose forecast has another shape than (3, N), or (3, 3, N) with intervals."""
+    history = np.full((HISTORY, forecaster.segments), TRIED_MPS, dtype=np.float32)
+    try:
+        shape = np.shape(forecaster.session.run(None, {"history": history})[0])
+    except Exception as error:  # onnxruntime's own errors share no base class
+        raise InvalidInputError(
+            f"'{forecaster.path}' fails on a history {history.shape} of float32: {str(error).splitlines()[0]}"
+        ) from error
+    expected = ((HORIZON, forecaster.segments), (HORIZON, 3, forecaster.segments))
+    if shape not in expected:
+        raise InvalidInputError(
+            f"'{forecaster.path}': expected a forecast {expected[0]}, or {expected[1]} with intervals, got {shape}"
+        )

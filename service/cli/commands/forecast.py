@@ -179,7 +179,7 @@ def _loaded(model: str, segments: int, step_s: float, source: str) -> Forecaster
 
     if model == Persistence.name:
         return registry.make_forecaster(model, segments, step_s)
-    forecaster = load_fitting(model)
+    forecaster = load_fitting(model, segments)
     check_fits(forecaster, segments, step_s, model, source)
     return forecaster
 
