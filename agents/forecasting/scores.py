@@ -19,7 +19,7 @@ class Errors:
     """Mean squared errors of one forecaster, by stretch and row ahead; one stretch is mostly one day.
 
     Attributes:
-        squared: (S, 3) m^2/s^2 against what was measured.
+        squared: (S, 3) m^2/s^2 against what was measured; NaN where a stretch has no value, which no mean counts.
         squared_true: (S, 3) the same against all vehicles; None if that is not known.
         free_mps: Speed with the normalised value 1.
     """
@@ -33,13 +33,17 @@ class Errors:
         """(S, 3) the mean squared error of normalised speed, x 10^3."""
         return 1e3 * self.squared / self.free_mps**2
 
+    def mse_x1000(self) -> FloatArray:
+        """(3,) mean of `normalised` over stretches."""
+        return _known_mean(self.normalised, 0)
+
     def rmse(self, unit: str) -> FloatArray:
         """(3,) root of the mean over stretches, in a unit of `data.UNITS`."""
-        return np.asarray(np.sqrt(self.squared.mean(axis=0)) / UNITS[unit])
+        return np.asarray(np.sqrt(_known_mean(self.squared, 0)) / UNITS[unit])
 
     def rmse_interval(self, unit: str) -> FloatArray:
         """(3, 2) 95 % interval of `rmse` over stretches; NaN with fewer than two."""
-        ends = [mean_estimate(values.tolist()) for values in self.squared.T]
+        ends = [mean_estimate(values[~np.isnan(values)].tolist()) for values in self.squared.T]
         known = [[np.nan if end is None else end for end in (one.low, one.high)] for one in ends]
         return np.asarray(np.sqrt(np.array(known, dtype=np.float64)) / UNITS[unit])
 
@@ -57,11 +61,20 @@ def errors_of(ahead: Float32Array, windows: Windows, free_mps: float) -> Errors:
 
 
 def by_stretch(values: Float32Array, windows: Windows) -> FloatArray:
-    """(S, 3) means of values (B, 3, N) over the windows and segments of each stretch; missing ones do not count."""
+    """(S, 3) means of values (B, 3, N) over the windows and segments of each stretch; missing ones do not count.
+
+    NaN where a stretch has no value so many rows ahead, such as one that is eleven rows long and ends in missing ones.
+    """
     numbers = np.unique(windows.stretch)
     return np.array(
-        [np.nanmean(values[windows.stretch == one].astype(np.float64), axis=(0, 2)) for one in numbers]
+        [_known_mean(values[windows.stretch == one].astype(np.float64), (0, 2)) for one in numbers]
     ).reshape(len(numbers), HORIZON)
+
+
+def _known_mean(values: FloatArray, axes: int | tuple[int, ...]) -> FloatArray:
+    """Mean along axes of the values that are known; NaN where there is none, without the warning of `np.nanmean`."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.nansum(values, axis=axes) / np.sum(~np.isnan(values), axis=axes))
 
 
 def frontiers_ahead(forecaster: Forecaster, windows: Windows, free_mps: float) -> BoolArray:

@@ -293,9 +293,9 @@ def _measured(forecaster: Forecaster, windows: Windows, free_mps: float) -> dict
     got = errors(forecaster, windows, free_mps)
     frontiers = frontier_scores(frontiers_ahead(forecaster, windows, free_mps), windows, free_mps)
     return {
-        "mse_x1000": got.normalised.mean(axis=0).tolist(),
-        "rmse_kmh": got.rmse("km/h").tolist(),
-        "rmse_mph": got.rmse("mph").tolist(),
+        "mse_x1000": _numbers(got.mse_x1000()),
+        "rmse_kmh": _numbers(got.rmse("km/h")),
+        "rmse_mph": _numbers(got.rmse("mph")),
         "rmse_kmh_interval": _known(got.rmse_interval(KEPT_UNIT)),
         **{name: [_mean(column) for column in table.T] for name, table in frontiers.items()},
     }
@@ -303,7 +303,7 @@ def _measured(forecaster: Forecaster, windows: Windows, free_mps: float) -> dict
 
 def _print_errors(table: SpeedData, found: Mapping[str, Mapping[str, Any]]) -> None:
     rows = [
-        (name, label, *(number(value) for value in one["mse_x1000"]), *_speeds(one))
+        (name, label, *(_optional(value) for value in one["mse_x1000"]), *_speeds(one))
         for name, facts in found.items()
         for label, one in facts.items()
         if isinstance(one, dict)
@@ -332,7 +332,11 @@ def _print_errors(table: SpeedData, found: Mapping[str, Mapping[str, Any]]) -> N
 
 def _speeds(facts: Mapping[str, Any]) -> list[str]:
     ends = [[np.nan if end is None else end for end in pair] for pair in facts["rmse_kmh_interval"]]
-    return [_cell(float(rmse), *pair) for rmse, pair in zip(facts["rmse_kmh"], ends, strict=True)]
+    return ["-" if rmse is None else _cell(rmse, *pair) for rmse, pair in zip(facts["rmse_kmh"], ends, strict=True)]
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [None if np.isnan(one) else float(one) for one in values]
 
 
 def _mean(values: np.ndarray) -> float | None:
