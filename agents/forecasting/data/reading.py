@@ -27,6 +27,8 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", "t", "index", "unnamed: 0")
 MEASURED_SETS = ("easy", "hard")
+MOST_MINUTES = 1e8
+"""Largest number of a column of times that is taken as minutes, 190 years; Unix times are larger since 1973."""
 NULLS = ["", "nan", "NaN", "NA", "null", "None", "-"]
 
 
@@ -266,6 +268,10 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
         raise InvalidInputError(f"'{path}': the time is missing in row {int(column.is_null().arg_max() or 0) + 1}")
     if column.dtype == pl.String:
         column = _parsed(path, column)
+    if column.dtype in (pl.Time, pl.Duration):
+        raise InvalidInputError(
+            f"'{path}': expected dates with times in column '{column.name}', got times without a date: {column[0]}"
+        )
     if column.dtype.is_temporal():
         time_s = np.asarray(column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 1e6, dtype=np.float64)
     elif step_s is not None:
@@ -273,13 +279,24 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
         steps = np.diff(time_s)
         time_s = time_s * (step_s / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 1.0)
     else:
-        time_s = 60.0 * column.to_numpy().astype(np.float64)
+        time_s = 60.0 * _minutes(path, column)
     steps = np.diff(time_s)
     if len(steps) and steps.min() < 0.0:
         raise InvalidInputError(
             f"'{path}': expected times that increase, row {int(steps.argmin()) + 2} does not; sort the rows"
         )
     return np.asarray(time_s, dtype=np.float64)
+
+
+def _minutes(path: Path, column: pl.Series) -> FloatArray:
+    """Bare numbers as minutes; what looks like a Unix time is refused."""
+    minutes = column.to_numpy().astype(np.float64)
+    if np.abs(minutes).max() > MOST_MINUTES:
+        raise InvalidInputError(
+            f"'{path}': expected dates or minutes in column '{column.name}', got {column[0]}; are these seconds or "
+            "milliseconds since 1970? Then give the minutes between two rows (--step)"
+        )
+    return np.asarray(minutes)
 
 
 def _parsed(path: Path, column: pl.Series) -> pl.Series:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dohyo.agents.forecasting.data.gaps import fill
-from dohyo.agents.forecasting.data.reading import Format, read_data
+from dohyo.agents.forecasting.data.reading import Format, read_data, read_latest
 from dohyo.agents.forecasting.data.windows import make_windows
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_speeds, road_stretch, write_csv, write_folder
@@ -126,8 +126,19 @@ def bad_tables() -> dict[str, tuple[dict[str, object], Format, str]]:
         "infinite": (but("s1", 3, np.inf), in_mps, "'s1' is infinite in row 4"),
         "backwards": ({"time": minutes[::-1], **columns}, in_mps, "expected times that increase, row 2 does not"),
         "other step": ({"timestamp": every_5, **columns}, Format(step_s=60.0), "every 60 s, got times 300 s apart"),
+        "times of day": ({"time": [datetime.time(5, i // 60, i % 60) for i in range(200)], **columns}, in_mps,
+            "expected dates with times in column 'time', got times without a date: 05:00:00"),
+        "Unix times": ({"timestamp": 1441045320 + 300 * minutes, **columns}, in_mps,
+            "got 1441045320; are these seconds or milliseconds since 1970.*--step"),
         "no speeds": ({"time": minutes}, in_mps, "columns of speeds"),
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("per_s", [1, 1000])
+def test_unix_times_are_read_with_the_minutes_between_rows(tmp_path: Path, per_s: int) -> None:
+    times = (1441045320 + 300 * np.arange(200)) * per_s
+    pl.DataFrame({"timestamp": times, "s": road_speeds(200, 1)[:, 0]}).write_csv(tmp_path / "t.csv")
+    assert read_latest(tmp_path / "t.csv", Format(step_s=300.0)).start_s == 1441045320.0
 
 
 @pytest.mark.parametrize("name", bad_tables())
