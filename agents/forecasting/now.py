@@ -31,6 +31,7 @@ class Forecast:
         low: (3, N) lower end of the 90 % interval; NaN where there are too few past errors.
         high: (3, N) upper end.
         windows: Number of past forecasts whose errors the interval is of.
+        offset_s: How far the table's clock is ahead of UTC; None: times without a zone.
     """
 
     made_s: float
@@ -41,6 +42,7 @@ class Forecast:
     low: FloatArray
     high: FloatArray
     windows: int
+    offset_s: float | None
 
     @property
     def times_s(self) -> FloatArray:
@@ -70,6 +72,7 @@ def forecast_now(forecaster: Forecaster, grid: Grid) -> Forecast:
         low=np.maximum(ahead - errors, 0.0),
         high=ahead + errors,
         windows=windows,
+        offset_s=grid.offset_s,
     )
 
 

@@ -6,7 +6,7 @@ import csv
 import sys
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,7 +75,7 @@ def append_forecast(path: Path, forecast: Forecast, unit: str) -> list[Path]:
     try:
         new = not path.exists()
         path.parent.mkdir(parents=True, exist_ok=True)
-        there: set[str] = set() if new else _segments_at(path, moment(forecast.made_s))
+        there: set[str] = set() if new else _segments_at(path, moment(forecast.made_s, forecast.offset_s))
         with path.open("a", newline="") as file:
             writer = csv.writer(file)
             if new:
@@ -86,9 +86,11 @@ def append_forecast(path: Path, forecast: Forecast, unit: str) -> list[Path]:
     return [path]
 
 
-def moment(time_s: float) -> str:
-    """A time as in the table; bare minutes count from 1970."""
-    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
+def moment(time_s: float, offset_s: float | None) -> str:
+    """A time as in the table, with its offset from UTC if the table has a zone; bare minutes count from 1970."""
+    if offset_s is None:
+        return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return datetime.fromtimestamp(time_s, timezone(timedelta(seconds=offset_s))).isoformat(" ", "seconds")
 
 
 def _segments_at(path: Path, made_at: str) -> set[str]:
@@ -106,4 +108,4 @@ def _lines(forecast: Forecast, unit: str) -> Iterator[list[str]]:
         for column, name in enumerate(forecast.segments):
             ends = (forecast.ahead, forecast.low, forecast.high)
             speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
-            yield [moment(forecast.made_s), moment(at), name, *speeds, unit]
+            yield [moment(forecast.made_s, forecast.offset_s), moment(at, forecast.offset_s), name, *speeds, unit]

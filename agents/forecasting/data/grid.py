@@ -36,12 +36,14 @@ class Rows:
         time_s: (R,), increasing, some may be equal.
         names: Of the columns.
         speeds: (R, N), m/s, NaN where missing.
+        offset_s: How far the clock of the last time is ahead of UTC; None: times without a zone.
     """
 
     source: str
     time_s: FloatArray
     names: tuple[str, ...]
     speeds: Float32Array
+    offset_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Grid:
         notes: What was done to the rows, one sentence each.
         complete: Place of the last step that every file has; or the one before the last that any file has, so that a
             silent file delays the others by one step. A step of means is complete once a row after it is there.
+        offset_s: Of the first file, see `Rows`.
     """
 
     step_s: float
@@ -66,6 +69,7 @@ class Grid:
     speeds: Float32Array
     notes: tuple[str, ...]
     complete: int
+    offset_s: float | None
 
     @property
     def last_s(self) -> float:
@@ -154,7 +158,16 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         notes.append(f"{len(files)} files joined by time")
     last = [int(own[-1]) - bool(resample_s) for own, _ in parts]
     complete = max(min(last), max(last) - 1)
-    return Grid(step, start, place, _joined_names(files), np.concatenate(columns, axis=1), tuple(notes), complete)
+    return Grid(
+        step_s=step,
+        start_s=start,
+        place=place,
+        names=_joined_names(files),
+        speeds=np.concatenate(columns, axis=1),
+        notes=tuple(notes),
+        complete=complete,
+        offset_s=files[0].offset_s,
+    )
 
 
 def _placed(

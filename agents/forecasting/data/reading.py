@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -205,8 +206,9 @@ def _read_rows(path: Path, how: Format) -> Rows:
         raise InvalidInputError(
             f"'{path}': expected rows of times and columns of speeds, got {len(table)} rows, {len(names)} columns"
         )
-    speeds = _speeds(path, table, names, how)
-    return Rows(str(path), _clock(path, table[time] if time is not None else None, len(table), how), names, speeds)
+    clock = _clock(path, table[time] if time is not None else None, len(table), how)
+    offset_s = None if time is None else _offset_s(path, table[time], how)
+    return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s)
 
 
 def _frame(path: Path, how: Format) -> pl.DataFrame:
@@ -286,6 +288,20 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
             f"'{path}': expected times that increase, row {int(steps.argmin()) + 2} does not; sort the rows"
         )
     return np.asarray(time_s, dtype=np.float64)
+
+
+def _offset_s(path: Path, column: pl.Series, how: Format) -> float | None:
+    """How far the clock of a table's last time is ahead of UTC, s; None of times without a zone."""
+    if not isinstance(column.dtype, pl.Datetime) or column.dtype.time_zone is None:
+        return None
+    last = column[-1]
+    if path.suffix.lower() == ".csv":  # polars keeps no offset
+        line = _whole_lines(path, how.growing).rstrip().rpartition(b"\n")[2]
+        try:
+            last = datetime.fromisoformat(line.partition(b",")[0].strip(b'" ').decode(errors="replace"))
+        except ValueError:
+            return 0.0
+    return (last.utcoffset() or timedelta()).total_seconds()
 
 
 def _minutes(path: Path, column: pl.Series) -> FloatArray:

@@ -209,18 +209,19 @@ def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence
         np.asarray(values, np.float64) / UNITS[unit]
         for values in (forecast.ahead, forecast.low, forecast.high, forecast.latest)
     )
+    made_at = moment(forecast.made_s, forecast.offset_s)
+    times = [moment(at, forecast.offset_s) for at in forecast.times_s.tolist()]
     if as_json:
-        times = [moment(at) for at in forecast.times_s.tolist()]
         speeds = {name: _known(values) for name, values in (("speed", ahead), ("low", low), ("high", high))}
-        document = {"made_at": moment(forecast.made_s), "times": times, "segments": list(forecast.segments)}
+        document = {"made_at": made_at, "times": times, "segments": list(forecast.segments)}
         print_json({**document, "unit": unit, **speeds, "windows": forecast.windows, "notes": list(notes)})
         return
-    console.print(f"{moment(forecast.made_s)}: the next steps, {unit}", highlight=False)
+    console.print(f"{made_at}: the next steps, {unit}", highlight=False)
     rows = []
     for column, name in enumerate(forecast.segments):
         cells = [_cell(ahead[row, column], low[row, column], high[row, column]) for row in range(len(ahead))]
         rows.append((name, "-" if np.isnan(latest[column]) else number(float(latest[column])), *cells))
-    print_rows(["segment", "now", *(moment(at)[11:16] for at in forecast.times_s.tolist())], rows)
+    print_rows(["segment", "now", *(at[11:16] for at in times)], rows)
     if np.isfinite(low).any():
         console.print(
             f"in brackets 90 % of the errors of {forecast.windows} past forecasts of this table; too narrow if the "

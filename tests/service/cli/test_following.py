@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
@@ -145,3 +146,21 @@ def test_a_file_that_is_rotated_is_followed_on(tmp_path: Path, capsys: pytest.Ca
 def test_a_first_reading_that_fails_ends_the_command(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="no file or folder"):
         next(grids_of(tmp_path / "none.csv"))
+
+
+@pytest.mark.parametrize(("written", "read"), [("-05:00", "-05:00"), ("Z", "+00:00"), ("", "")])
+def test_times_of_forecasts_have_the_offset_of_the_table(tmp_path: Path, written: str, read: str) -> None:
+    path, out = tmp_path / "t.csv", tmp_path / "forecasts.csv"
+    path.write_text("time,speed\n" + "".join(line(minute, 90.0).replace(",", f"{written},") for minute in range(20)))
+    run = ("forecast", "run", "--data", path, "--unit", "km/h", "--model", "persistence", "--out", out)
+    assert f"2026-03-02 09:19:00{read}: the next steps" in dohyo(*run)
+    dohyo(*run)
+    first, *others = csv.DictReader(out.open())
+    assert (first["made_at"], first["time"]) == (f"2026-03-02 09:19:00{read}", f"2026-03-02 09:20:00{read}")
+    assert len(others) == 2, "appended once"
+
+
+def test_a_parquet_table_has_the_offset_of_its_zone(tmp_path: Path) -> None:
+    times = pl.datetime_range(START, START + timedelta(minutes=19), "1m", time_zone="America/Chicago", eager=True)
+    pl.DataFrame({"time": times, "speed": [90.0] * 20}).write_parquet(tmp_path / "t.parquet")
+    assert read_latest(tmp_path / "t.parquet", Format("km/h")).offset_s == -6 * 3600
