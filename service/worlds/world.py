@@ -22,8 +22,7 @@ from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.simulating.actors import ActorChange, WorldActors
 from dohyo.service.simulating.order import Drivers, Reset, WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN, Decided, Shown
-from dohyo.service.spectating.audience import Audience
-from dohyo.service.spectating.plans import Plans
+from dohyo.service.spectating.broadcast import Broadcast
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.worlds.bodies import FARTHEST_M, EgoOutcome, WorldReply, WorldStep
@@ -74,10 +73,9 @@ class LiveWorld:
         self.driving: tuple[str, ...] = tuple(mission.name for mission in order.scenario.missions)
         self.seats = Seats(self.driving)
         self.begun, self.heard, self.ending = False, time.monotonic(), ""
-        self.audience = Audience(self._watch, MOST_SPECTATORS)
-        self._told, self._obeyed = b"", ObeyedSteps()
-        self._plans = Plans()
-        self._process = process
+        self._process, self._obeyed = process, ObeyedSteps()
+        self._broadcast = Broadcast(process.send, MOST_SPECTATORS)
+        self.audience, self._plans = self._broadcast.audience, self._broadcast.plans
         self._shown = Shown([], {}, {})
         self._revision, self._allowed, self._restarted = 0, 0, False
         self._timer: asyncio.TimerHandle | None = None
@@ -170,10 +168,6 @@ class LiveWorld:
         """Refuses what the process would take for its order."""
         if not self.begun:
             raise BusyError("the world has not begun yet", retry_s=1)
-
-    def _watch(self, watched: bool) -> None:
-        if self.begun:
-            self._process.send(Kind.WATCH, bytes([watched]))
 
     @property
     def _goes_on(self) -> bool:
@@ -359,10 +353,8 @@ class LiveWorld:
 
     def _seen(self, kind: Kind, payload: bytes) -> None:
         """Handles a tick that the process shows, to the drivers or to spectators."""
-        if kind is Kind.SCENE and (plans := self._plans.news()) is not None:
-            self.audience.tell("plans", plans)
         if kind in (Kind.STAGE, Kind.SCENE):
-            self.audience.tell(kind.name.lower(), payload)
+            self._broadcast.show(kind, payload)
             return
         tick, time_s, revision = SHOWN.unpack_from(payload)
         if revision != self._revision:
@@ -370,8 +362,7 @@ class LiveWorld:
         self._shown = msgspec.msgpack.decode(memoryview(payload)[SHOWN.size :], type=Shown)
         if not self.begun:
             self.begun, self.heard = True, time.monotonic()
-            if self.audience.watching:
-                self._watch(True)
+            self._broadcast.begin()
             if self.ending:  # before it had begun
                 self.end(self.ending)
         restarted, self._restarted = self._restarted, False
@@ -417,16 +408,12 @@ class LiveWorld:
         self._advance()
 
     def _tell_state(self) -> None:
-        """Tells spectators the status and the drivers, where they have changed."""
         drivers = self.seats.drivers
         egos = [
             {"name": mission.name, "driver": drivers.get(mission.name), "driving": mission.name in self.driving}
             for mission in self.order.scenario.missions
         ]
-        state = msgspec.json.encode({"status": self.status.value, "egos": egos})
-        if state != self._told:
-            self._told = state
-            self.audience.tell("state", state)
+        self._broadcast.tell_state({"status": self.status.value, "egos": egos})
 
     def over(self, why: str) -> None:
         """The process has ended: answers all who wait."""
