@@ -25,6 +25,8 @@ Observations = dict[str, NDArray[Any]]
 BARE = "observation"
 """Name of an observation that comes without one."""
 _PICTURE = "picture/"
+LARGEST_REWARD = float(np.finfo(np.float32).max)
+"""Of one step: learners compute with float32."""
 
 
 class EnvError(DohyoError):
@@ -321,8 +323,8 @@ class EnvRows:
             number = float(reward)
         except (TypeError, ValueError):
             number = math.nan
-        if not math.isfinite(number):
-            raise self._error(f"expected a finite reward, got {reward}")
+        if not abs(number) <= LARGEST_REWARD:
+            raise self._error(f"expected a finite reward, of {LARGEST_REWARD:.0e} at most, got {reward}")
         rows.rewards[row], rows.terminations[row], rows.truncations[row] = number, terminated, truncated
         if terminated or truncated:
             self._acting.remove(row)

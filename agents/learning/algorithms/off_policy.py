@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast
@@ -25,7 +26,7 @@ from dohyo.agents.learning.runs.config import Positive, Share
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.tasks.task import Array, Task, named
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 
 Augment = Callable[[TensorDictBase], TensorDictBase]
 """Changes a batch before it is learned from; its randomness comes from torch's global generator."""
@@ -97,10 +98,12 @@ class OffPolicy(ABC, Generic[C]):
         columns: Of metrics.csv.
         losses: Names of what `learn` returns.
         actions: Kind of the action space.
+        only_learns: Names of what explorers do without, beside optimisers.
     """
 
     losses: ClassVar[tuple[str, ...]]
     actions: ClassVar[type[Any]] = Box
+    only_learns: ClassVar[tuple[str, ...]] = ("_collector", "replay", "_augment", "_behaviour")
     encoder: nn.Module
     replay: Replay
     policy: Exportable
@@ -178,7 +181,11 @@ class OffPolicy(ABC, Generic[C]):
         """See `Learner`."""
 
     def round(self) -> dict[str, Number]:
-        """Takes `round_steps` steps everywhere; environments in processes simulate while the learner updates."""
+        """Takes `round_steps` steps everywhere; environments in processes simulate while the learner updates.
+
+        Raises:
+            DohyoError: As from the collector; the losses are no longer finite.
+        """
         sums: dict[str, Tensor] = {}
         before = self.updates
         for _ in self._collector.round(self._config.round_steps):
@@ -190,6 +197,7 @@ class OffPolicy(ABC, Generic[C]):
             if self._collector.steps > self._config.learning_starts:
                 self._due += self._config.updates_per_step * (self._collector.steps - self.steps)
         means = {name: float(total) / (self.updates - before) for name, total in sums.items()}
+        check_finite(means)
         row: dict[str, Number] = {"updates": self.updates, "episodes": self._collector.finished_count}
         finished = self._collector.finished()
         own = [episode for episode in finished if not episode.demonstrated]
@@ -242,11 +250,10 @@ class OffPolicy(ABC, Generic[C]):
 
     def __getstate__(self) -> dict[str, Any]:
         """What acts: an explorer in another process has no collector, no replay and no optimiser, and cannot learn."""
-        learning = ("_collector", "replay", "_augment", "_behaviour")
         acting = {
             name: part
             for name, part in self.__dict__.items()
-            if name not in learning and not isinstance(part, torch.optim.Optimizer)
+            if name not in self.only_learns and not isinstance(part, torch.optim.Optimizer)
         }
         return acting | {"_device": torch.device("cpu")}
 
@@ -270,6 +277,15 @@ class OffPolicy(ABC, Generic[C]):
         discount = self._config.gamma**steps if self._config.replay.steps > 1 else self._config.gamma
         discounts: Tensor = (follows * discount).squeeze(-1)
         return discounts
+
+
+def check_finite(losses: Mapping[str, float]) -> None:
+    """Raises DohyoError if a loss is not finite: what was learned is lost, and no checkpoint may keep it."""
+    if lost := [name for name, value in losses.items() if not math.isfinite(value)]:
+        raise DohyoError(
+            f"the training has diverged: {', '.join(lost)} expected to be finite; it goes on from its last checkpoint,"
+            " but a lower learning rate or smaller rewards may be needed"
+        )
 
 
 def linear(first: float, last: float, share: float) -> float:

@@ -12,7 +12,7 @@ import io
 import logging
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -63,6 +63,7 @@ class Order:
         cut: Whether its last step cuts the running episode.
         behaviour: That drives, see `packed`.
         state: Of its collector, for an explorer that begins anew; None: it goes on.
+        part: Of a stretch that is driven step by step, from 1; 0: it is driven as a whole.
     """
 
     number: int
@@ -70,6 +71,7 @@ class Order:
     cut: bool
     behaviour: bytes
     state: Mapping[str, Any] | None
+    part: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,7 @@ class Explorer:
         collector = self._collector
         if order.state is not None:
             collector.restore(order.state)
-        drawn = np.random.default_rng([_ACTIONS, self._seed, self._rank, order.number])
+        drawn = np.random.default_rng([_ACTIONS, self._seed, self._rank, order.number, order.part])
         torch.manual_seed(int(drawn.integers(2**63)))
         behaviour: Behaviour = torch.load(io.BytesIO(order.behaviour), map_location="cpu", weights_only=False)
         collector.cut_at = int(order.cut)
@@ -262,20 +264,39 @@ class Explorers:
         self._finalizer()
 
     def _stretch(self, rank: int) -> Stretch:
-        """An explorer's answer; one that dies begins its stretch anew, with the episode after the one that is lost."""
-        worker, order, state = self._workers[rank], self._orders[rank], self._states[rank]
-        for lost in range(1, MAX_LOST + 1):
+        """An explorer's answer; where it has died, that of the stretch driven anew in a new process, step by step."""
+        order = self._orders[rank]
+        try:
+            answer: Stretch = self._workers[rank].receive()
+        except WorkerDeathError as error:
+            self._lose(rank, error)
+        else:
+            return answer
+        steps, finished, state, fresh = list[TensorDict](), list[Finished](), self._states[rank], True
+        for part in range(1, order.steps + 1):
+            cut = order.cut and part == order.steps
+            one = self._step(rank, replace(order, steps=1, part=part, cut=cut, state=None), state, fresh)
+            steps, finished, state, fresh = [*steps, one.steps], [*finished, *one.finished], dict(one.state), False
+        return Stretch(torch.cat(steps), finished, state)
+
+    def _step(self, rank: int, order: Order, state: Mapping[str, Any], fresh: bool) -> Stretch:
+        """One step of an explorer; whoever dies in it goes on with the next episode but those that died so."""
+        worker = self._workers[rank]
+        for deaths in range(MAX_LOST):
+            skipped = {**state, "next": state["next"] + deaths * self._count}
+            worker.send("drive", replace(order, state=skipped if fresh or deaths else None))
             try:
                 answer: Stretch = worker.receive()
             except WorkerDeathError as error:
-                logger.warning("explorer %d is lost, and begins anew: %s", rank, error)
-                self._deaths += 1
-                worker.stop()
-                anew = {**state, "next": state["next"] + lost * self._count}
-                worker.send("drive", Order(order.number, order.steps, order.cut, order.behaviour, anew))
+                self._lose(rank, error)
             else:
                 return answer
-        raise SimulationError(f"task '{self._task.name}': explorer {rank} died {MAX_LOST} times in one stretch")
+        raise SimulationError(f"task '{self._task.name}': explorer {rank} died {MAX_LOST} times in one step")
+
+    def _lose(self, rank: int, error: WorkerDeathError) -> None:
+        logger.warning("explorer %d is lost, and begins anew: %s", rank, error)
+        self._deaths += 1
+        self._workers[rank].stop()
 
 
 def packed(behaviour: Behaviour) -> bytes:

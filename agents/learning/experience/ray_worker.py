@@ -20,7 +20,7 @@ from dohyo.evaluation.running.ray_executor import (
     require_ray,
 )
 from dohyo.sumo_networks.envs.worker_process import Host, WorkerDeathError
-from dohyo.sumo_networks.errors import DohyoError, SimulationError
+from dohyo.sumo_networks.errors import SimulationError
 
 START_S = 120.0
 """Time that an actor has to start, its place in the cluster included."""
@@ -85,10 +85,9 @@ class RayWorker:
                 if lost_calls(self._ray, {self._call: self._actor}):
                     raise WorkerDeathError(f"worker {self._number} (Ray): {NO_ANSWER}")
             return self._ray.get(self._call)
+        except self._ray.exceptions.RayTaskError as error:
+            raise error.cause from error
         except self._ray.exceptions.RayError as error:
-            cause = getattr(error, "cause", None)
-            if isinstance(cause, DohyoError):
-                raise cause from error
             raise WorkerDeathError(f"worker {self._number} (Ray): {first_line(error)}") from error
 
     def begin_stop(self) -> None:

@@ -5,15 +5,17 @@ dohyo train gymnasium --set env=Pendulum-v1 --set algorithm=sac --set sac.batch=
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import gymnasium
 from gymnasium.spaces import Box, Dict, Discrete
+from pydantic import Field
 
 from dohyo.agents.learning.algorithms.ddpg import Ddpg, DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import Iqn, IqnConfig
@@ -34,6 +36,8 @@ from dohyo.agents.learning.tasks.task import Env, Environments, Task, check_task
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
+logger = logging.getLogger(__name__)
+
 REMOTE = "dohyo/Remote-v0"
 OFF_POLICY: dict[str, type[Sac | Ddpg | Iqn]] = {"sac": Sac, "ddpg": Ddpg, "iqn": Iqn}
 
@@ -45,6 +49,7 @@ class GymnasiumConfig(OffPolicyRunConfig):
         env: Name in gymnasium's registry, "module:NAME" of one that the module registers, or the address of a service
             whose worlds are driven, such as "http://127.0.0.1:8000?benchmark=quickstart".
         algorithm: What learns; its settings are the table of that name.
+        longest: Steps after which an episode is cut off, for an environment without a limit; 0: as it says itself.
         episodes: Held-out episodes.
         ppo: Settings of PPO.
         sac: Settings of SAC.
@@ -54,7 +59,8 @@ class GymnasiumConfig(OffPolicyRunConfig):
 
     env: str = "Pendulum-v1"
     algorithm: Literal["ppo", "sac", "ddpg", "iqn"] = "sac"
-    processes: int = 0
+    processes: Annotated[int, Field(ge=0, le=64)] = 0
+    longest: Annotated[int, Field(ge=0)] = 0
     episodes: Positive = 20
     ppo: PpoConfig = PpoConfig()
     sac: SacConfig = SacConfig()
@@ -70,11 +76,13 @@ class GymnasiumTask(Task):
         env: Name in gymnasium's registry, or the address of a service.
         episodes: Number of held-out episodes.
         first: Seed of the first of them.
+        longest: See `GymnasiumConfig`.
     """
 
     env: str
     episodes: int = 20
     first: int = HELD_OUT_FROM
+    longest: int = 0
 
     @property
     def name(self) -> str:
@@ -114,6 +122,14 @@ class GymnasiumTask(Task):
         space: Box | Discrete = self._spaces[1]
         return space
 
+    @property
+    def ends(self) -> bool:
+        """Whether an episode has a limit of steps, as far as is known."""
+        if self.remote or self.longest:
+            return True
+        with closing(self.make_env(0)) as env:
+            return env.spec is None or env.spec.max_episode_steps is not None
+
     def make_env(self, rank: int) -> Env:
         """See `Task`.
 
@@ -121,7 +137,7 @@ class GymnasiumTask(Task):
             InvalidInputError: It cannot be made, or its observations cannot be used; see `in_our_form`.
         """
         try:
-            env = gymnasium.make(self.env)
+            env = gymnasium.make(self.env, max_episode_steps=self.longest or None)
         except Exception as error:  # of the registry, or of the environment's own code
             raise InvalidInputError(f"environment '{self.env}': {type(error).__name__}: {error}") from error
         return in_our_form(env, self.env)
@@ -152,16 +168,21 @@ def check_fit(task: Task, settings: GymnasiumConfig) -> None:
     check_task(task)
     encoder = ObservationEncoder(named(task.observation_space))
     if settings.algorithm == "ppo":
-        if settings.explorers:
-            raise InvalidInputError("ppo learns from its own policy's steps alone: expected explorers = 0")
+        if settings.explorers or settings.cluster:
+            raise InvalidInputError(
+                "ppo learns from its own policy's steps alone: expected explorers = 0 and no cluster"
+            )
         ppo_actor(encoder.features, task.action_space, settings.ppo)
     else:
         OFF_POLICY[settings.algorithm].check(task)
 
 
 def _train(settings: GymnasiumConfig, request: TrainRequest) -> Path:
-    task = GymnasiumTask(settings.env, settings.episodes)
+    task = GymnasiumTask(settings.env, settings.episodes, longest=settings.longest)
     check_fit(task, settings)
+    if not task.ends:
+        logger.warning("environment '%s' has no limit of steps: 'longest' gives it one, or episodes may never end",
+                       settings.env)  # fmt: skip
     if settings.algorithm == "ppo":
         return train_task(partial(make_ppo, task, settings), task, settings, request)
     return train_off_policy(partial(make_off_policy, task, settings), task, settings, request)

@@ -22,7 +22,7 @@ from dohyo.agents.learning.policies.export import Exportable
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.evaluation import COLUMNS, evaluate
 from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
-from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop, TaskRun
+from dohyo.agents.learning.runs.run import FREE, Run, RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.learning.tasks.environments import check_environments
 from dohyo.agents.learning.tasks.task import Array, Environments, Task, check_task, named
@@ -132,7 +132,7 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
 
 
 def _in_folder(train_in: Callable[[TaskRun], object], settings: RunConfig, request: TrainRequest) -> Path:
-    run = Run(request.name, request.out, settings, request.resume)
+    run = Run(request.name, request.out, settings, request.resume, FREE | {"cluster"})
     try:
         train_in(run)
     finally:

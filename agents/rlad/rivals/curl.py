@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
+from functools import partial
 
 import torch
 from tensordict import TensorDictBase
@@ -39,7 +40,7 @@ class Contrast(Auxiliary):
     def __init__(self, latent: Latent) -> None:
         """Copies the encoder."""
         super().__init__()
-        self._queries: Callable[[], nn.Module] = lambda: latent.seen
+        self._queries: Callable[[], nn.Module] = partial(getattr, latent, "seen")  # as a module it would be ours, too
         self._of_seen = latent.of_seen
         self.keys = deepcopy(latent.seen).requires_grad_(False)
         self.similarity = nn.Parameter(torch.rand(latent.seen_features, latent.seen_features))

@@ -17,6 +17,8 @@ VIEWS = 2
 class Drq(Sac):
     """See the module."""
 
+    only_learns = (*Sac.only_learns, "_view")
+
     def __init__(self, *args: Any, augment: Augment, **options: Any) -> None:
         """See `Sac`; `augment` is drawn anew for every view."""
         self._view = augment

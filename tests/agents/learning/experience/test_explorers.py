@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,12 @@ from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.learning.tasks.curriculum import Curriculum
+from dohyo.agents.rlad.training import RladRunConfig
+from dohyo.agents.rlad.training import make_learner as make_rlad
 from dohyo.sumo_networks.envs.env_rows import EnvError
 from dohyo.sumo_networks.envs.worker_process import Host, WorkerProcess
-from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
+from dohyo.sumo_networks.seeds import training_seed
 from tests.agents.learning.killed import killed_and_resumed
 from tests.agents.learning.learners import learner, transitions
 from tests.agents.learning.problems import BEST_RETURN, LENGTH, STEP, Dial, Point
@@ -68,6 +72,18 @@ class Deadly(Point):
         return env
 
 
+@dataclass(frozen=True)
+class Mined(Point):
+    """A point whose process dies where it begins one of every six seeds; its episodes end at once."""
+
+    def make_env(self, rank: int) -> Any:
+        env: Any = super().make_env(rank)
+        reset, step = env.reset, env.step
+        env.reset = lambda *, seed=None, options=None: os._exit(3) if seed % 6 == 0 else reset(seed=seed)
+        env.step = lambda action: (*step(action)[:2], False, True, {"success": False, "distance": 0.0})
+        return env
+
+
 def wander(seen: TensorDict) -> TensorDict:
     """A policy that draws."""
     return TensorDict({"action": STEP * (2.0 * torch.rand(len(seen), 1) - 1.0)}, seen.batch_size)
@@ -75,6 +91,13 @@ def wander(seen: TensorDict) -> TensorDict:
 
 def unsure(chosen: TensorDict) -> torch.Tensor:
     return torch.rand(len(chosen))
+
+
+class Nobody(Explorers):
+    """Explorers without processes, for what a learner asks of them before it learns."""
+
+    def __init__(self) -> None:
+        self._count, self._states = 1, []
 
 
 @pytest.fixture
@@ -166,7 +189,7 @@ def test_an_explorer_that_is_killed_loses_its_episode_and_nothing_else(explorers
     assert workers[0].pid is not None
     os.kill(workers[0].pid, signal.SIGKILL)
     after = TensorDict.stack(list(source.received()))
-    assert after["episode"][0].tolist() == [6, 3]  # 4 would be its next one, and may be why it died
+    assert after["episode"][0].tolist() == [4, 3]
     assert (source.lost_count, source.steps) == (1, 120)
 
 
@@ -175,8 +198,19 @@ def test_an_environment_that_ends_its_process_again_and_again_ends_the_run(explo
     source = explorers(Deadly(), count=1)
     source.round(8)
     source.send(PolicyBehaviour(wander))
-    with pytest.raises(SimulationError, match=f"explorer 0 died {MAX_LOST} times"):
+    with pytest.raises(SimulationError, match=f"explorer 0 died {MAX_LOST} times in one step"):
         list(source.received())
+
+
+@pytest.mark.slow
+def test_seeds_that_end_a_process_are_passed_also_where_many_are_in_one_stretch(explorers) -> None:
+    source = explorers(Mined(), count=1, stretch=60)
+    steps = taken(source, 60)
+    assert source.steps == 60
+    assert source.lost_count > MAX_LOST
+    begun = [training_seed(0, episode) for episode in steps["episode"].flatten().tolist()]
+    assert len(set(begun)) == 60
+    assert all(seed % 6 for seed in begun)
 
 
 def test_an_error_of_the_task_is_told_and_ends_the_processes(explorers) -> None:
@@ -258,6 +292,21 @@ def test_sac_learns_from_explorers(tmp_path: Path) -> None:
     )  # fmt: skip
     GYMNASIUM.train(settings, TrainRequest("gymnasium", tmp_path / "run", False, no_report))
     assert json.loads((tmp_path / "run" / "result.json").read_text())["last"]["return"] > 1.5 * BEST_RETURN
+
+
+@pytest.mark.parametrize("algorithm", ["rlad", "sac-ae", "curl", "drq", "drq-v2"])
+def test_learners_from_pictures_can_be_sent(algorithm: str, tmp_path: Path) -> None:
+    settings = RladRunConfig.model_validate({"algorithm": algorithm})
+    run: Any = SimpleNamespace(folder=tmp_path, config=settings, device=torch.device("cpu"))
+    made: Any = make_rlad(settings, Nobody(), run)
+    assert packed(made._behaviour)
+
+
+def test_a_training_that_diverges_ends_before_a_checkpoint_is_written(tmp_path: Path) -> None:
+    whole = learner(Sac, SacConfig(learning_starts=0, round_steps=20), Point(), tmp_path)
+    whole.learn = lambda batch: {"loss_critic": torch.tensor(float("nan"))}
+    with pytest.raises(DohyoError, match="the training has diverged: loss_critic"):
+        whole.round()
 
 
 @pytest.mark.slow

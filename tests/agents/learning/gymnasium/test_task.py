@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import pytest
+from pydantic import ValidationError
 
 from dohyo.agents.learning.files.report import no_report
 from dohyo.agents.learning.files.settings import read_settings
-from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
+from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig, GymnasiumTask
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.killed import killed_and_resumed
@@ -74,3 +75,18 @@ def test_what_it_cannot_learn_is_refused(settings: list[str], message: str, tmp_
     with pytest.raises(InvalidInputError, match=message):
         train([*settings, *SHORT], tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_an_environment_without_a_limit_of_steps_is_given_one() -> None:
+    assert not GymnasiumTask("CliffWalking-v1").ends
+    task = GymnasiumTask("CliffWalking-v1", longest=7)
+    assert task.ends
+    env = task.make_env(0)
+    env.reset(seed=0)
+    assert [env.step(0)[3] for _ in range(7)] == [False] * 6 + [True]
+
+
+@pytest.mark.parametrize("settings", [{"processes": -1}, {"processes": 65}, {"longest": -1}])
+def test_settings_beyond_their_bounds_are_refused(settings: dict[str, int]) -> None:
+    with pytest.raises(ValidationError):
+        GymnasiumConfig.model_validate(settings)
