@@ -220,12 +220,17 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
 
     def close(self) -> None:
         """Ends the world and deletes it, as far as the service can be reached."""
-        with contextlib.suppress(WireError, UnreachableError):
+        with contextlib.suppress(UnreachableError):
             if self._id:
-                for method, path in ("POST", f"/v1/worlds/{self._id}/end"), ("DELETE", f"/v1/worlds/{self._id}"):
-                    self._http.send(method, path, self._plan.token, {})
-                    self._http.receive(CLOSE_S)
+                with contextlib.suppress(WireError):  # it may have ended
+                    self._ask_to_close("POST", f"/v1/worlds/{self._id}/end")
+                with contextlib.suppress(WireError):
+                    self._ask_to_close("DELETE", f"/v1/worlds/{self._id}")
         self._http.close()
+
+    def _ask_to_close(self, method: str, path: str) -> None:
+        self._http.send(method, path, self._plan.token, {})
+        self._http.receive(CLOSE_S)
 
 
 @contextlib.contextmanager

@@ -90,6 +90,7 @@ def test_a_row_whose_world_ends_is_truncated_and_lost(served: Served) -> None:
         assert (rewards.tolist(), terminations.tolist(), truncations.tolist()) == ([0.0], [False], [True])
         assert infos["lost"].tolist() == [True]
         assert not env.reset(seed=1)[1]["lost"].any()  # in another world
+        assert live["id"] not in [one["id"] for one in served.ask("GET", "/v1/worlds")["items"]], "it was deleted"
     finally:
         env.close()
 
