@@ -96,9 +96,9 @@ class _First:
         self._config.hook.pytest_copies()
         gc.collect()
         gc.freeze()  # pages that no collection touches stay shared
-        for _ in range(self._count):
-            self._start([])
         try:
+            for _ in range(self._count):
+                self._start([])
             while self._running:
                 for end in wait(list(self._running)):
                     self._hear(end)
@@ -114,11 +114,14 @@ class _First:
 
     def _start(self, left: list[int]) -> None:
         ours, theirs = Pipe(duplex=False)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # an interrupt waits until the copy is known
         pid = os.fork()
         if pid == 0:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             _Copy(self._session, theirs, self._next, self._files).run(left, [ours, *self._running])
         theirs.close()
         self._running[ours] = _Process(pid, left)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
     def _hear(self, end: Any) -> None:
         """Takes one message of a process, or notes its end."""

@@ -131,7 +131,28 @@ def test_the_first_failure_ends_it_where_that_is_asked_for(tmp_path: Path) -> No
     assert (tmp_path / "ended").exists() or not (tmp_path / "begun").exists()
 
 
-def test_an_interrupt_ends_what_has_begun(tmp_path: Path) -> None:
+SECOND_COPY_LATE = """
+import os, pathlib, time
+
+fork = os.fork
+
+def late():
+    while not pathlib.Path("begun").exists():
+        time.sleep(0.01)
+    time.sleep(2)
+    return fork()
+
+def first():
+    os.fork = late
+    return fork()
+
+os.fork = first
+"""
+
+
+@pytest.mark.parametrize("conftest", ["", SECOND_COPY_LATE], ids=["all", "while they are started"])
+def test_an_interrupt_ends_what_has_begun(conftest: str, tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text(conftest)
     run = started(tmp_path, "--processes", "2", slow=SLOW, slower=SLOW)
     while not (tmp_path / "begun").exists():
         assert run.poll() is None
