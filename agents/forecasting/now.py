@@ -1,4 +1,4 @@
-"""Forecast now: the next rows after the last one of a table that grows, with intervals by the model's past errors."""
+"""Forecast now: the next rows after the last one of a table that grows, with intervals that follow its past errors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.speed_table import DAY_S
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, make_windows
-from dohyo.agents.forecasting.quantiles import COVERAGE, conformal_quantile
+from dohyo.agents.forecasting.tracking import shifts
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -96,9 +96,10 @@ def latest_steps(grid: Grid, steps: int) -> Float32Array:
 
 
 def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
-    """(3, N) size of the error that 90 % of the past forecasts do not exceed, m/s, and their number.
+    """(3, N) size that 90 % of the errors do not exceed, m/s, and the number of past forecasts that it is of.
 
-    NaN where there are too few. Past rows that the forecaster was trained on make them too small.
+    It follows the errors, see `tracking`. NaN where there are too few. Past rows that the forecaster was trained on
+    make it too small.
     """
     none = np.full((HORIZON, len(grid.names)), np.nan)
     try:
@@ -107,8 +108,5 @@ def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
         return none, 0
     windows = windows.chosen(np.arange(max(0, len(windows) - MOST_WINDOWS), len(windows)))
     off = np.abs(forecaster.predict_many(windows.history, windows.time_s) - windows.target)
-    for row, column in np.ndindex(none.shape):
-        known = off[:, row, column][np.isfinite(off[:, row, column])]
-        if len(known) >= LEAST_ERRORS:
-            none[row, column] = conformal_quantile(known, COVERAGE)
-    return none, len(windows)
+    enough = np.isfinite(off).sum(axis=0) >= LEAST_ERRORS
+    return np.where(enough, np.maximum(shifts(off, windows)[-1], 0.0), none), len(windows)

@@ -22,17 +22,19 @@ import numpy as np
 
 from dohyo.agents.forecasting.base import Forecaster, read_file
 from dohyo.agents.forecasting.data.speed_table import SpeedData
-from dohyo.agents.forecasting.data.windows import HORIZON, make_windows
+from dohyo.agents.forecasting.data.windows import HORIZON, Windows, make_windows
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
 from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster
 from dohyo.agents.forecasting.scores import coverage, errors, frontier_scores, frontiers_ahead
 from dohyo.agents.forecasting.study.arms import Variant
+from dohyo.agents.forecasting.tracking import tracked
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.learning.files.card import UNKNOWN, Card, digest, weights_of, write_card
 from dohyo.agents.learning.files.command import typed
 from dohyo.agents.learning.files.surroundings import surroundings
+from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.files import write_atomically
 
 SHIPPED = {"sa-lstm": "sa-lstm-lap3-balanced", "sa-lstm-n-step": "sa-lstm-n-step-lap3-balanced"}
@@ -100,8 +102,7 @@ class Lab:
         if got.squared_true is not None:
             tables["mse_true"] = 1e3 * got.squared_true / self.free_mps**2
         if isinstance(forecaster, Quantiles):
-            inside, width = coverage(forecaster.intervals_many(windows.history), windows)
-            tables |= {"coverage": 100.0 * inside, "width_kmh": 3.6 * width}
+            tables |= _intervals(forecaster, windows)
         tables |= frontier_scores(frontiers_ahead(forecaster, windows, self.free_mps), windows, self.free_mps)
         for day in range(len(got.normalised)):
             yield {
@@ -133,6 +134,20 @@ class Lab:
         else:
             forecaster.fit(train, validation)
         return forecaster
+
+
+def _intervals(forecaster: Quantiles, windows: Windows) -> dict[str, FloatArray]:
+    """(S, 3) share of values inside, %, and width, km/h: as calibrated, and tracked anew from each day's first."""
+    calibrated = forecaster.intervals_many(windows.history)
+    moving = np.empty_like(calibrated)
+    for day in np.unique(windows.stretch):
+        which = np.flatnonzero(windows.stretch == day)
+        moving[which] = tracked(calibrated[which], windows.chosen(which))
+    out = {}
+    for suffix, ends in (("", calibrated), ("_tracked", moving)):
+        inside, width = coverage(ends, windows)
+        out |= {f"coverage{suffix}": 100.0 * inside, f"width_kmh{suffix}": 3.6 * width}
+    return out
 
 
 def start_from(forecaster: Learned, first: Forecaster) -> None:

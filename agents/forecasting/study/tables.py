@@ -125,15 +125,18 @@ def others(results: Results) -> str:
 
 
 def intervals(results: Results, kinds: Sequence[str] = SETS) -> str:
-    """Coverage of the calibrated intervals on some sets."""
+    """Coverage of the intervals on some sets: as calibrated and, where rows have it, as they follow the traffic."""
+    tracked = any("coverage_tracked_1" in row for row in results.rows)
+    told = {"": "as calibrated", "_tracked": "tracked"} if tracked else {"": "as calibrated"}
     rows = []
     for kind, row in product(kinds, AHEAD):
-        inside, width = (
-            bracketed(dense_estimate(values(results, "sa-lstm-quantiles", kind, f"{measure}_{row}")))
-            for measure in ("coverage", "width_kmh")
-        )
-        rows.append([kind.capitalize(), f"t+{row}", inside, width])
-    return markdown(["intervals meant to hold 90 %", "row", "hold, %", "width, km/h"], rows)
+        cells = [
+            bracketed(dense_estimate(values(results, "sa-lstm-quantiles", kind, f"{measure}{way}_{row}")))
+            for way, measure in product(told, ("coverage", "width_kmh"))
+        ]
+        rows.append([kind.capitalize(), f"t+{row}", *cells])
+    heads = [head for name in told.values() for head in (f"{name}: hold, %", "width, km/h")]
+    return markdown(["intervals meant to hold 90 %", "row", *heads], rows)
 
 
 def claims(results: Results) -> str:
