@@ -77,13 +77,18 @@ def make_replay(
         kind: Class of the replay.
         room_for_others: Entries that other producers add during a number of the collector's steps.
         options: `stack` and `extras` of `Replay`, and what its class needs.
+
+    Raises:
+        InvalidInputError: The disk has no room for the run's steps.
     """
     # A step adds one entry, or two where an episode begins; a checkpoint waits for the end of a round.
     steps = 2 * (run.config.checkpoint_every + rows * config.round_steps)
     slack = 2 * steps + room_for_others(steps)
     spaces = named(task.observation_space), task.action_space
-    seed = run.config.seed
-    return kind(run.folder / "replay", spaces, config.replay, gamma=config.gamma, slack=slack, seed=seed, **options)
+    return kind(
+        run.folder / "replay", spaces, config.replay, gamma=config.gamma, slack=slack, seed=run.config.seed,
+        entries=run.config.steps, **options,
+    )  # fmt: skip
 
 
 class OffPolicy(ABC, Generic[C]):

@@ -25,6 +25,7 @@ from pydantic import Field
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from dohyo.agents.learning.experience.disk_room import check_disk_room, reserve
 from dohyo.agents.learning.experience.sum_tree import SumTree
 from dohyo.agents.learning.files.checkpoint import KEPT
 from dohyo.agents.learning.tasks.task import Array
@@ -36,6 +37,8 @@ NOWHERE = -1
 """Position that is none: behind an entry without an action."""
 LEAST_PRIORITY = 1e-6
 """Added to every error, so that no transition's priority is 0."""
+RESERVED = 1024
+"""Entries whose blocks on the disk are reserved at once."""
 _BATCHES = 4  # separates this random stream from those of seeds, and from torch's own of weights and noise
 
 
@@ -69,6 +72,7 @@ class Replay:
         seed: int,
         stack: int = 1,
         extras: Mapping[str, Tensor] | None = None,
+        entries: int | None = None,
     ) -> None:
         """Prepares; the files are made with the first entry.
 
@@ -81,10 +85,16 @@ class Replay:
             seed: Of the batches.
             stack: Pictures (k C, H, W) of the steps are stacks of k frames, of which the last is new.
             extras: What else of a step is stored and sampled, by name, with one row's value; steps without it hold 0.
+            entries: That the run will add from its beginning to its end, at least; None: they fill the ring.
+
+        Raises:
+            InvalidInputError: The disk has no room for them.
         """
         self._folder, self._config, self._gamma, self._stack = folder, config, gamma, stack
         self._size = config.capacity + slack
         self._blank = _blank(*spaces, stack, extras or {})
+        needed = self._blank.bytes() * min(self._size, entries or self._size)
+        check_disk_room(folder, needed, f"a smaller replay.capacity (now {config.capacity}) needs less")
         self._extras = tuple(extras or ())
         self._head = 0  # position of the next entry
         self._protected: deque[int] = deque(maxlen=KEPT)  # first position of the window, at each checkpoint kept
@@ -93,6 +103,7 @@ class Replay:
         self._top_priority = 1.0
         self._open: IntArray = np.zeros(0, np.int64)  # (N,) position of the entry that each row acts on next
         self._open_episode: IntArray = np.zeros(0, np.int64)  # (N,) its episode
+        self._reserved = 0  # slots whose blocks are reserved, in this session
         self._columns: dict[str, Tensor] = {}  # (size, ...) by name; observations begin with "observation."
         self._arrays: dict[str, Array] = {}  # the same memory, for small writes
 
@@ -225,7 +236,7 @@ class Replay:
         return self._trees[source]
 
     def _make_room(self, count: int) -> None:
-        """Checks that `count` entries overwrite nothing that is needed, and makes the files at the first call."""
+        """Checks that `count` entries overwrite nothing that is needed, and gives them files and blocks on the disk."""
         if count > self._config.capacity // 2:
             raise InvalidInputError(
                 f"replay: expected a capacity of at least {2 * count}, for {count} entries at once, "
@@ -239,6 +250,12 @@ class Replay:
         if not self._columns:
             # As in TorchRL's LazyMemmapStorage, whose own length and cursor do not fit a ring with links.
             self._use(self._blank.expand(self._size).memmap_like(prefix=str(self._folder), existsok=True))
+        if (used := min(self._head + count, self._size)) > self._reserved:
+            self._reserved = min(used + RESERVED, self._size)
+            reserve(
+                (self._folder / f"{name}.memmap", self._reserved * array[0].nbytes)
+                for name, array in self._arrays.items()
+            )
 
     def _use(self, entries: TensorDictBase) -> None:
         # Plain tensors: those of the memory map look up a dispatcher in every operation.

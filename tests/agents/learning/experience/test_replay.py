@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import random
+import shutil
 import signal
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +27,7 @@ GAMMA = 0.9
 
 
 def make(folder: Path, *, slack: int = 100, observation: Any = VECTOR, **settings: Any) -> Replay:
-    names = ("stack", "extras", "seed")
+    names = ("stack", "extras", "seed", "entries")
     own = {name: settings.pop(name) for name in names if name in settings}
     spaces = Dict({"seen": observation}), Discrete(5)
     return Replay(folder / "replay", spaces, ReplayConfig(**settings), gamma=GAMMA, slack=slack, **{"seed": 0} | own)
@@ -240,6 +242,81 @@ def test_an_empty_replay_and_one_without_its_files_are_refused(tmp_path: Path) -
     episode(replay, 0, 3)
     with pytest.raises(InvalidInputError, match="no replay"):
         make(tmp_path / "elsewhere").restore(replay.state())
+
+
+# The disk
+
+BYTES = 2 * 4 + 8 + 4 + 1 + 1 + 1 + 4 * 8
+"""Of an entry: observation, action, reward, source, terminated, truncated, and four numbers of the links."""
+
+
+def leave(free: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=free))
+
+
+def test_a_disk_without_room_is_refused_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leave(1100 * BYTES - 1, monkeypatch)
+    message = rf"disk of '{tmp_path}/replay' is too full: expected {1100 * BYTES:,} bytes free, "
+    message += rf"got {1100 * BYTES - 1:,}; a smaller replay\.capacity \(now 1000\)"
+    with pytest.raises(InvalidInputError, match=message):
+        make(tmp_path, capacity=1000)
+    assert not list(tmp_path.iterdir())
+    leave(1100 * BYTES, monkeypatch)
+    make(tmp_path, capacity=1000)
+
+
+def test_a_run_needs_room_for_its_own_steps_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    leave(50 * BYTES, monkeypatch)
+    make(tmp_path, capacity=1000, entries=50)
+    with pytest.raises(InvalidInputError, match=f"expected {51 * BYTES:,} bytes"):
+        make(tmp_path, capacity=1000, entries=51)
+
+
+def test_a_resumed_run_needs_room_for_what_is_not_on_the_disk_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replay = make(tmp_path, capacity=100_000)
+    for _ in range(2):
+        episode(replay, 1, 2)
+    leave(100_100 * BYTES - 1024 * BYTES, monkeypatch)  # the rest has blocks already
+    make(tmp_path, capacity=100_000).restore(replay.state())
+    with pytest.raises(InvalidInputError, match="too full"):
+        make(tmp_path / "another", capacity=100_000)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 1 MB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("no file system can be mounted here: a full disk needs root")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def fill_the_disk(folder: Path) -> None:
+    """Adds episodes until the disk is full; called in a process of its own."""
+    replay = make(folder, capacity=100_000, entries=1)
+    try:
+        for number in range(1000):
+            observations = {"seen": np.full((101, 2), float(number))}
+            replay.add_episode(observations, np.zeros(100), np.zeros(100), terminated=False, source=0)
+    except OSError as error:
+        print(f"'{error.filename}': {error.strerror}; the last is {replay.sample(1000)['observation', 'seen'].max()}")
+
+
+@pytest.mark.slow
+def test_a_disk_that_becomes_full_is_an_error_and_what_was_added_stays(small_disk: Path) -> None:
+    command = "import sys, pathlib; from tests.agents.learning.experience.test_replay import fill_the_disk as fill; "
+    child = Python(f"{command} fill(pathlib.Path(sys.argv[1]))", str(small_disk))
+    assert child.end() == 0, child.errors()
+    assert f"'{small_disk}/replay/" in child.output()
+    assert "No space left on device; the last is 1" in child.output()
 
 
 # A run that is killed
