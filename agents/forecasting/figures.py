@@ -14,7 +14,7 @@ from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.speed_table import UNITS, SpeedData, Stretch
 from dohyo.agents.forecasting.data.windows import HORIZON, make_windows
-from dohyo.agents.forecasting.now import Forecast
+from dohyo.agents.forecasting.live.now import Forecast
 from dohyo.evaluation.report.style import OKABE_ITO, label, template
 from dohyo.sumo_networks.arrays import FloatArray
 

@@ -17,7 +17,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 if TYPE_CHECKING:
     from dohyo.agents.forecasting.base import Forecaster
     from dohyo.agents.forecasting.data.grid import Grid
-    from dohyo.agents.forecasting.now import Forecast
+    from dohyo.agents.forecasting.live.now import Forecast
 
 COLUMNS = ("made_at", "time", "segment", "speed", "low", "high", "unit")
 """Of the file of forecasts."""
@@ -41,7 +41,7 @@ def followed(
     Raises:
         InvalidInputError: The first reading failed, or the forecaster does not fit that table.
     """
-    from dohyo.agents.forecasting.now import forecast_now
+    from dohyo.agents.forecasting.live.now import forecast_now
 
     begun, told, last_s, grown_at = False, "", -float("inf"), time.monotonic()
     while idle_s is None or time.monotonic() - grown_at <= idle_s:

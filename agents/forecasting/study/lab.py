@@ -24,12 +24,12 @@ from dohyo.agents.forecasting.base import Forecaster, read_file
 from dohyo.agents.forecasting.data.speed_table import SpeedData
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows, make_windows
 from dohyo.agents.forecasting.learned import Learned
+from dohyo.agents.forecasting.live.tracking import tracked
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
 from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.registry import CHECKPOINTS, load_forecaster, make_forecaster
 from dohyo.agents.forecasting.scores import coverage, errors, frontier_scores, frontiers_ahead
 from dohyo.agents.forecasting.study.arms import Variant
-from dohyo.agents.forecasting.tracking import tracked
 from dohyo.agents.forecasting.training import TrainSettings, train_network
 from dohyo.agents.learning.files.card import UNKNOWN, Card, digest, weights_of, write_card
 from dohyo.agents.learning.files.command import typed

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dohyo.agents.forecasting.data.reading import Format
     from dohyo.agents.forecasting.data.speed_table import SpeedData
     from dohyo.agents.forecasting.data.windows import Windows
-    from dohyo.agents.forecasting.now import Forecast
+    from dohyo.agents.forecasting.live.now import Forecast
 
 Data = Annotated[
     list[Path],
@@ -130,7 +130,7 @@ def run(
     """Forecasts three steps after a table's last row, with intervals by the model's past errors."""
     from dohyo.agents.forecasting.data.reading import read_latest
     from dohyo.agents.forecasting.figures import now_figure
-    from dohyo.agents.forecasting.now import forecast_now
+    from dohyo.agents.forecasting.live.now import forecast_now
 
     if out is not None:
         check_output(out)

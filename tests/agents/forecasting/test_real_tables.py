@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from dohyo.agents.forecasting.data.grid import Rows, on_grid
 from dohyo.agents.forecasting.data.reading import Format, read_data, read_latest
-from dohyo.agents.forecasting.now import forecast_now
+from dohyo.agents.forecasting.live.now import forecast_now
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.service.cli import app
 from dohyo.sumo_networks.arrays import FloatArray

@@ -9,9 +9,9 @@ import pytest
 
 from dohyo.agents.forecasting.data.speed_table import Stretch
 from dohyo.agents.forecasting.data.windows import Windows, make_windows
+from dohyo.agents.forecasting.live.tracking import shifts, tracked
 from dohyo.agents.forecasting.quantiles import conformal_quantile
 from dohyo.agents.forecasting.scores import coverage
-from dohyo.agents.forecasting.tracking import shifts, tracked
 from dohyo.sumo_networks.arrays import Float32Array
 
 

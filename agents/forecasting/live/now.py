@@ -10,7 +10,7 @@ from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.speed_table import DAY_S
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, make_windows
-from dohyo.agents.forecasting.tracking import shifts
+from dohyo.agents.forecasting.live.tracking import shifts
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
