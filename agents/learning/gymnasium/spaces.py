@@ -13,6 +13,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tu
 from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.wrappers import TransformAction, TransformObservation
 
+from dohyo.agents.learning.tasks.environments import check_extents
 from dohyo.agents.learning.tasks.task import SINGLE, Array, Env
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -33,7 +34,7 @@ def in_our_form(env: gymnasium.Env[Any, Any], name: str) -> Env:
         name: For errors.
 
     Raises:
-        InvalidInputError: Its observations are of another kind.
+        InvalidInputError: Its observations are of another kind, or a space is not as `check_extents` expects.
     """
     parts: dict[str, tuple[Box, Convert]] = {}
     for path, space in _leaves(env.observation_space):
@@ -50,7 +51,9 @@ def in_our_form(env: gymnasium.Env[Any, Any], name: str) -> Env:
         return {key: form(value) for (key, (_, form)), value in zip(parts.items(), values, strict=True)}
 
     observations = Dict({key: box for key, (box, _) in parts.items()})
-    return TransformObservation(_with_our_actions(env), convert, observations)
+    acting = _with_our_actions(env)
+    check_extents(f"environment '{name}'", observations, acting.action_space)
+    return TransformObservation(acting, convert, observations)
 
 
 def _leaves(space: gymnasium.Space[Any], path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
@@ -26,6 +27,8 @@ from dohyo.sumo_networks.arrays import BoolArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Reset = tuple[dict[str, Array], dict[str, Any]]
+WIDEST_ACTION = float(np.sqrt(np.finfo(np.float32).max))
+"""Bound of actions whose square still is a float32; learners scale actions by their bounds, and square them."""
 Step = tuple[dict[str, Array], Array, BoolArray, BoolArray, dict[str, Any]]
 
 
@@ -33,12 +36,40 @@ def check_environments(environments: Environments) -> None:
     """Raises InvalidInputError if a learner cannot use these environments."""
     what = f"environments {type(environments.unwrapped).__name__}"
     check_spaces(what, environments.single_observation_space, environments.single_action_space)
+    check_extents(what, environments.single_observation_space, environments.single_action_space)
     mode = environments.metadata.get("autoreset_mode")
     if mode is not AutoresetMode.DISABLED:
         raise InvalidInputError(f"{what}: expected AutoresetMode.DISABLED, since the collector resets, got {mode}")
     group = getattr(environments, "group_size", 1)
     if group < 1 or environments.num_envs % group:
         raise InvalidInputError(f"{what}: expected groups that divide {environments.num_envs} rows, got {group}")
+
+
+def check_extents(what: str, observations: gymnasium.Space[Any], actions: gymnasium.Space[Any]) -> None:
+    """Checks that no part of an environment's spaces is empty, and that its actions are bounded in practice.
+
+    Bounds of observations may be as wide as float32, since nothing is scaled by them.
+
+    Args:
+        what: Its name, for the error.
+        observations: By name.
+        actions: Of one environment.
+
+    Raises:
+        InvalidInputError: One is not so.
+    """
+    named = observations.spaces.items() if isinstance(observations, Dict) else ()
+    parts = {f"observation '{name}'": space for name, space in named} | {"actions": actions}
+    for part, space in parts.items():
+        if 0 in (space.shape or ()):
+            raise InvalidInputError(f"{what}: expected at least one number in {part}, got shape {space.shape}")
+    if not isinstance(actions, Box):
+        return
+    low, high = float(actions.low.min()), float(actions.high.max())
+    if max(-low, high) > WIDEST_ACTION:
+        raise InvalidInputError(
+            f"{what}: expected actions with bounds of at most {WIDEST_ACTION:.2g}, got {low:.2g} to {high:.2g}"
+        )
 
 
 class _Counted(VectorWrapper):

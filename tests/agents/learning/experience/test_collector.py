@@ -406,6 +406,16 @@ def test_learners_reset_environments_themselves():
         check_environments(made)
 
 
+@pytest.mark.parametrize(
+    ("actions", "message"), [((0,), "at least one number in actions"), ((1,), "bounds of at most")]
+)
+def test_environments_with_boundless_actions_or_none_are_refused(actions, message):
+    space = Box(-3e38, 3e38, actions, np.float32)
+    made = LocalVectorEnv(Pair, 2, Pair.observation_space, space, measures=(), group_size=2)
+    with pytest.raises(InvalidInputError, match=message):
+        check_environments(made)
+
+
 @dataclass(frozen=True)
 class Pairs(Task):
     """Two agents of one environment, of which the first ends after two steps, the second after four."""

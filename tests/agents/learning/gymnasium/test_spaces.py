@@ -77,3 +77,29 @@ def test_a_wrong_shape_is_no_vector() -> None:
 def test_what_is_no_number_is_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"'written': observation 'observation': expected a Box.*got Text"):
         in_our_form(gymnasium.make("tests.agents.learning.foreign:Written-v0"), "written")
+
+
+VECTOR, WIDEST = Box(-1.0, 1.0, (2,), np.float32), float(np.finfo(np.float32).max)
+
+
+@pytest.mark.parametrize(
+    ("observations", "actions", "message"),
+    [
+        (Box(-1.0, 1.0, (0,), np.float32), VECTOR, r"in observation 'observation', got shape \(0,\)"),
+        (Dict(a=VECTOR, b=Box(0, 1, (0, 2), np.int64)), VECTOR, r"in observation 'b', got shape \(0,\)"),
+        (Box(0, 255, (4, 0, 3), np.uint8), VECTOR, r"in observation 'observation', got shape \(3, 4, 0\)"),
+        (VECTOR, Box(-1.0, 1.0, (0,), np.float32), r"in actions, got shape \(0,\)"),
+        (VECTOR, Box(-WIDEST, WIDEST, (1,), np.float32), r"bounds of at most 1\.8e\+19, got -3\.4e\+38 to 3\.4e\+38"),
+        (VECTOR, Box(np.array([-1.0, 0.0]), np.array([1.0, 1e300]), dtype=np.float64), r"got -1 to inf"),
+    ],
+)
+def test_empty_parts_and_boundless_actions_are_refused(
+    observations: Space[Any], actions: Space[Any], message: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        ours(observations, actions)
+
+
+def test_observations_may_be_as_wide_as_float32() -> None:
+    _, env = ours(Box(-WIDEST, WIDEST, (2,), np.float32), Box(-1e6, 1e6, (1,), np.float32))
+    assert env.observation_space == Dict(observation=Box(-WIDEST, WIDEST, (2,), np.float32))
