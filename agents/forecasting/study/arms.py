@@ -29,16 +29,25 @@ class Variant:
         depth: Of the Laplacian loss; None: squared error alone.
         weight: Of that loss.
         length: Factor of the study's steps.
+        shipped: Whether it is the one that ships, which learned from days in meso.
     """
 
     name: str
     depth: int | None = None
     weight: float = 1.0
     length: int = 1
+    shipped: bool = False
+
+    @property
+    def is_trained(self) -> bool:
+        """Whether the study trains it, once for each seed."""
+        return self.name not in SIMPLE and not self.shipped
 
     @property
     def arm(self) -> str:
         """Name of the arm."""
+        if self.shipped:
+            return f"{self.name}-shipped"
         if self.name in (*SIMPLE, *OWN):
             return self.name
         loss = "mse" if self.depth is None else f"lap{self.depth}"
@@ -68,6 +77,7 @@ def _equal() -> Iterator[Variant]:
         yield Variant("sa-lstm-n-step", DEPTH, weight)
     yield Variant("sa-lstm", DEPTH, BALANCED, PHASES)
     yield Variant(Quantiles.name, DEPTH, BALANCED)
+    yield from (Variant(name, shipped=True) for name in ("sa-lstm-n-step", Quantiles.name))
 
 
 ARMS: Mapping[str, Variant] = MappingProxyType({one.arm: one for one in _variants()})

@@ -23,6 +23,7 @@ import numpy as np
 from dohyo.agents.forecasting.base import Forecaster, read_file
 from dohyo.agents.forecasting.data.speed_table import SpeedData
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows, make_windows
+from dohyo.agents.forecasting.files.fitting import check_fits
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.live.tracking import tracked
 from dohyo.agents.forecasting.networks.looking_ahead import NStep, Recursive
@@ -79,6 +80,10 @@ class Lab:
 
     def forecaster(self, variant: Variant, seed: int) -> Forecaster:
         """The forecaster of an arm and seed, from its file or from a training."""
+        if variant.shipped:
+            forecaster = load_forecaster(variant.name)
+            check_fits(forecaster, len(self.data.segments), self.data.step_s, variant.name, self.data.source)
+            return forecaster
         path = self.folder / f"{variant.arm}-{seed}.safetensors"
         facts = path.with_suffix(".training.json")
         if facts.exists() and json.loads(facts.read_text())["of"] == self._learned_from:

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
+from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.study import study
 from dohyo.agents.forecasting.study.arms import PHASES
 from dohyo.agents.forecasting.study.tables import (
@@ -34,6 +35,8 @@ from dohyo.agents.studies.study import Results, judging
 from dohyo.evaluation.report.style import markdown
 
 HARD: Final = "hard"
+SHIPPED: Final = {"n-step, as shipped": "sa-lstm-n-step-shipped"}
+"""It learned from days in meso."""
 SIMPLE: Final = {"persistence": "persistence", "linear": "linear", "TSMixer": f"tsmixer-mse-x{PHASES}"}
 
 
@@ -75,7 +78,7 @@ def ways(results: Results) -> str:
         for loss, suffix in (("Lap3 as printed", ""), ("balanced", "-balanced")):
             cells = [cell(results, equal(f"{arm}{suffix}"), HARD, row) for row in AHEAD]
             rows.append([name, loss, " / ".join(f"{one:.2f}" for one in thesis[1]), *cells])
-    for told, arm in SIMPLE.items():
+    for told, arm in (SIMPLE | SHIPPED).items():
         rows.append([told, "", "", *(cell(results, arm, HARD, row) for row in AHEAD)])
     return markdown(["Hard", "loss", "thesis: t+1 / 2 / 3", *(f"ours: t+{row}" for row in AHEAD)], rows)
 
@@ -86,7 +89,7 @@ def claims() -> Iterator[Claim]:
     yield from of_ablation(11, *_losses())
     yield from of_ablation(12, *_ways())
     ours = f"{WAYS['n-step'][0]}-balanced"
-    for told, arm in SIMPLE.items():
+    for told, arm in (SIMPLE | SHIPPED).items():
         yield Claim(ours, "<", arm, "mse_3", HARD, f"ours, not the thesis's: n-step < {told} at t+3, balanced")
 
 
@@ -125,8 +128,9 @@ def section(results: Results) -> str:
     """All tables, with a blank line between them; empty without rows."""
     if not results.rows:
         return ""
-    parts = (scale(results), networks(results), depths(results), ways(results), intervals(results, (HARD,)))
-    return "\n\n".join((*parts, verdicts(results, judged(results))))
+    parts = (scale(results), networks(results), depths(results), ways(results))
+    ends = (intervals(results, (HARD,), f"{Quantiles.name}{suffix}") for suffix in ("", "-shipped"))
+    return "\n\n".join((*parts, *ends, verdicts(results, judged(results))))
 
 
 STUDY: Final = replace(

@@ -16,7 +16,6 @@ from typing import Any, Literal
 import torch
 
 from dohyo.agents.forecasting.data.reading import read_data
-from dohyo.agents.forecasting.registry import SIMPLE
 from dohyo.agents.forecasting.study.arms import ARMS, COMPARED, EQUAL, Variant
 from dohyo.agents.forecasting.study.lab import Lab
 from dohyo.agents.forecasting.study.latency import of_network
@@ -63,11 +62,12 @@ def _lab(options: Options) -> Lab:
 
 
 def cells(options: Options) -> list[Cell]:
-    """Every arm, seed and day; simple forecasters have no seed."""
+    """Every arm, seed and day; simple forecasters and shipped ones have no seed."""
     data = _lab(options).data
     days = [Place(name, f"{day:02}", None) for name in data.measured_sets for day in range(len(data.sets[name]))]
-    learned = [arm for arm in options.arms if arm not in SIMPLE]
-    return cells_of((Block([*SIMPLE], (None,), days), *(Block(learned, (seed,), days) for seed in TRAININGS)))
+    learned = [arm for arm, variant in options.arms.items() if variant.is_trained]
+    once = [arm for arm in options.arms if arm not in learned]
+    return cells_of((Block(once, (None,), days), *(Block(learned, (seed,), days) for seed in TRAININGS)))
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from dohyo.agents.forecasting.data.windows import HORIZON
+from dohyo.agents.forecasting.quantiles import Quantiles
 from dohyo.agents.forecasting.registry import SIMPLE
 from dohyo.agents.studies.claims import Claim, Judgement, of_ablation
 from dohyo.agents.studies.crossed_bootstrap import Matched, dense_estimate
@@ -124,19 +125,19 @@ def others(results: Results) -> str:
     return markdown([*head, "MSE x 10^3 of all vehicles' speed"], rows)
 
 
-def intervals(results: Results, kinds: Sequence[str] = SETS) -> str:
+def intervals(results: Results, kinds: Sequence[str] = SETS, arm: str = Quantiles.name) -> str:
     """Coverage of the intervals on some sets: as calibrated and, where rows have it, as they follow the traffic."""
     tracked = any("coverage_tracked_1" in row for row in results.rows)
     told = {"": "as calibrated", "_tracked": "tracked"} if tracked else {"": "as calibrated"}
     rows = []
     for kind, row in product(kinds, AHEAD):
         cells = [
-            bracketed(dense_estimate(values(results, "sa-lstm-quantiles", kind, f"{measure}{way}_{row}")))
+            bracketed(dense_estimate(values(results, arm, kind, f"{measure}{way}_{row}")))
             for way, measure in product(told, ("coverage", "width_kmh"))
         ]
         rows.append([kind.capitalize(), f"t+{row}", *cells])
     heads = [head for name in told.values() for head in (f"{name}: hold, %", "width, km/h")]
-    return markdown(["intervals meant to hold 90 %", "row", *heads], rows)
+    return markdown([f"intervals meant to hold 90 % ({arm})", "row", *heads], rows)
 
 
 def claims(results: Results) -> str:
