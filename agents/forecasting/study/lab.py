@@ -148,7 +148,7 @@ def _intervals(forecaster: Quantiles, windows: Windows) -> dict[str, FloatArray]
     for day in np.unique(windows.stretch):
         which = np.flatnonzero(windows.stretch == day)
         moving[which] = tracked(calibrated[which], windows.chosen(which))
-    out = {}
+    out: dict[str, FloatArray] = {}
     for suffix, ends in (("", calibrated), ("_tracked", moving)):
         inside, width = coverage(ends, windows)
         out |= {f"coverage{suffix}": 100.0 * inside, f"width_kmh{suffix}": 3.6 * width}
