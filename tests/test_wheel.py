@@ -23,7 +23,10 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 FLOORS = ("sumo_networks", "evaluation", "agents", "service")
 PROJECT = ("dohyo", *FLOORS, "pyproject.toml", "README.md", "LICENSE")
-ONLY_IN_THE_REPOSITORY = re.compile(r"\.md$|/results/|__pycache__")
+NOT_IN_THE_WHEEL = re.compile(r"\.md$|/results/|__pycache__|/\.lock$")
+"""Documents, results, and what runs leave in a working copy."""
+LOCK = "agents/league/editions/2026-12/.lock"
+"""Left where rows of the league are driven."""
 BUILD = "import setuptools.build_meta as backend, sys; backend.build_wheel(sys.argv[1])"
 
 BENCHMARK = """
@@ -62,6 +65,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copytree(ROOT / name, copy / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(ROOT / name, copy / name)
+    (copy / LOCK).touch()
     subprocess.run([sys.executable, "-c", BUILD, str(out)], cwd=copy, check=True, capture_output=True, timeout=300)
     (built,) = out.glob("*.whl")
     return built
@@ -129,8 +133,9 @@ def test_it_holds_one_name_and_every_file_of_the_floors(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"dohyo"}
     files = [path.relative_to(ROOT) for floor in FLOORS for path in (ROOT / floor).rglob("*") if path.is_file()]
-    expected = {f"dohyo/{path}" for path in files if not ONLY_IN_THE_REPOSITORY.search(str(path))}
+    expected = {f"dohyo/{path}" for path in files if not NOT_IN_THE_WHEEL.search(str(path))}
     assert expected - names == set()
+    assert f"dohyo/{LOCK}" not in names
 
 
 @pytest.mark.parametrize("initialised", [False, True])
