@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from dohyo.evaluation.agent import AgentSpec
-from dohyo.service.worlds.clock import Pace
+from dohyo.service.worlds.live.clock import Pace
 from dohyo.sumo_networks.scenario import Config, Scenario
 
 Undriven = Literal["autopilot", "stand", "out"]

@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 from dohyo.service.accounts.access import Caller
 from dohyo.service.errors import ConflictError, ForbiddenError, NotFoundError
 from dohyo.service.state import Services
+from dohyo.service.worlds.live.world import LiveWorld
 from dohyo.service.worlds.model import World, WorldGuest
-from dohyo.service.worlds.world import LiveWorld
 
 
 def world_of(session: Session, caller: Caller, identifier: str, *, own: bool = False) -> World:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from dohyo.service.simulating.actors import ActorChange, ShownActor
 from dohyo.service.simulating.order import Late, Undriven
 from dohyo.service.wire.bodies import Observations, Reply, Step, Tick, ToldMission
-from dohyo.service.worlds.clock import Pace
+from dohyo.service.worlds.live.clock import Pace
 
 MOST_EGOS = 64
 Text = Annotated[str, Field(min_length=1, max_length=100)]

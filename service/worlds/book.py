@@ -26,10 +26,10 @@ from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.worlds import queries
+from dohyo.service.worlds.live.seat import Seat
+from dohyo.service.worlds.live.world import LiveWorld
 from dohyo.service.worlds.model import World, WorldStatus
 from dohyo.service.worlds.records import record_path
-from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.world import LiveWorld
 from dohyo.sumo_networks.errors import InvalidInputError
 
 ENTRY: Final = "dohyo.service.simulating.child:simulate_here"

@@ -19,8 +19,8 @@ from dohyo.service.wire.messages import decode_as
 from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
 from dohyo.service.worlds.access import admit, live_world
 from dohyo.service.worlds.bodies import JoinRequest, Seated, WorldReply, WorldStep
-from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.world import LiveWorld
+from dohyo.service.worlds.live.seat import Seat
+from dohyo.service.worlds.live.world import LiveWorld
 from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.sensors import Track, make_sensors

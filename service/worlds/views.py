@@ -8,9 +8,9 @@ from pydantic import Field
 
 from dohyo.service.simulating.order import Late, Undriven
 from dohyo.service.web.views import Moment, View
-from dohyo.service.worlds.clock import Pace
+from dohyo.service.worlds.live.clock import Pace
+from dohyo.service.worlds.live.world import LiveWorld
 from dohyo.service.worlds.model import World, WorldStatus
-from dohyo.service.worlds.world import LiveWorld
 from dohyo.sumo_networks.units import TICK_S
 
 

@@ -27,7 +27,7 @@ from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.evaluations.scoring import summary_of
 from dohyo.service.settings import Settings
-from dohyo.service.worlds import world as live
+from dohyo.service.worlds.live import world as live
 from tests.evaluation.builders import drive, ego, episode
 from tests.service.harness import Harness, IdleScheduler, finish
 

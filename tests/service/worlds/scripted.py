@@ -15,8 +15,8 @@ from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN, Decided
 from dohyo.service.wire.messages import Format
 from dohyo.service.worlds.bodies import WorldReply, WorldStep
-from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.world import LiveWorld
+from dohyo.service.worlds.live.seat import Seat
+from dohyo.service.worlds.live.world import LiveWorld
 from tests.service.worlds.clients import AHEAD, scenario
 
 CONTROL = "lane_command"

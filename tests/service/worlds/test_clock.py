@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dohyo.service.worlds.clock import Clock
+from dohyo.service.worlds.live.clock import Clock
 
 
 def test_a_tick_in_real_time_begins_when_its_time_has_come() -> None:

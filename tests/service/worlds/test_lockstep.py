@@ -10,8 +10,8 @@ import pytest
 from dohyo.service.errors import BusyError, ConflictError, TooManyRequestsError
 from dohyo.service.running.channel import Kind
 from dohyo.service.simulating.actors import ActorChange, ActorRow
+from dohyo.service.worlds.live.seats import MOST_WITHOUT_EGOS
 from dohyo.service.worlds.model import WorldStatus
-from dohyo.service.worlds.seats import MOST_WITHOUT_EGOS
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.worlds.scripted import ScriptedWorld, place, step
 

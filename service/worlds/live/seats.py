@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from dohyo.service.errors import ConflictError, TooManyRequestsError
-from dohyo.service.worlds.seat import Seat
+from dohyo.service.worlds.live.seat import Seat
 from dohyo.sumo_networks.errors import InvalidInputError
 
 MOST_NAMED = 50

@@ -26,11 +26,11 @@ from dohyo.service.spectating.broadcast import Broadcast
 from dohyo.service.wire.messages import NOTHING, Format, decode
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.worlds.bodies import FARTHEST_M, EgoOutcome, WorldReply, WorldStep
-from dohyo.service.worlds.clock import Clock, ObeyedSteps, Pace
-from dohyo.service.worlds.guests import Guests
+from dohyo.service.worlds.live.clock import Clock, ObeyedSteps, Pace
+from dohyo.service.worlds.live.guests import Guests
+from dohyo.service.worlds.live.seat import Seat
+from dohyo.service.worlds.live.seats import Seats
 from dohyo.service.worlds.model import WorldStatus
-from dohyo.service.worlds.seat import Seat
-from dohyo.service.worlds.seats import Seats
 from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError
 
