@@ -9,23 +9,23 @@ from dohyo.evaluation.records.mixed import agents_of, drives_of
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.report.contenders import Evaluation
 from dohyo.evaluation.running.run import Result
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def evaluations_of(results: Sequence[Result]) -> list[Evaluation]:
     """One evaluation per result folder, and one per agent of all mixed runs together.
 
-    Mixed runs in which agents have exchanged their missions give drives that can be compared. Agents with equal names
-    and settings, such as one before and after a change of its code, have the names of their folders as well.
+    Mixed runs in which agents have exchanged their missions give drives that can be compared.
+
+    Raises:
+        InvalidInputError: See `names_in_report`.
     """
     single = [result for result in results if not result.manifest.others]
     mixed = [result for result in results if result.manifest.others]
     found = [(result.manifest.agent, [result]) for result in single]
     found += [(agent, mixed) for agent in agents_of(record for result in mixed for record in result.records)]
-    names = unique_names([agent for agent, _ in found])
-    names = [
-        _with_folders(name, some) if names.count(name) > 1 else name
-        for name, (_, some) in zip(names, found, strict=True)
-    ]
+    folders = [[result.paths[0].resolve().parents[1] for result in some] for _, some in found]
+    names = names_in_report([agent for agent, _ in found], folders)
     return [_evaluation(name, agent, some) for name, (agent, some) in zip(names, found, strict=True)]
 
 
@@ -39,9 +39,38 @@ def unique_names(agents: Sequence[AgentInfo]) -> list[str]:
     ]
 
 
-def _with_folders(name: str, results: Sequence[Result]) -> str:
-    """Name of an agent with those of its result folders, which alone distinguish versions of its code."""
-    return f"{name} ({', '.join(result.paths[0].resolve().parents[1].name for result in results)})"
+def names_in_report(agents: Sequence[AgentInfo], folders: Sequence[Sequence[Path]]) -> list[str]:
+    """Names of the agents of a report, all different.
+
+    Agents with equal names and settings, such as one before and after a change of its code, have the names of their
+    result folders as well.
+
+    Args:
+        agents: One for each evaluation.
+        folders: Result folders of each evaluation.
+
+    Raises:
+        InvalidInputError: Two evaluations have the same agent and folders.
+    """
+    names = unique_names(agents)
+    for equal in {name for name in names if names.count(name) > 1}:
+        rows = [row for row, name in enumerate(names) if name == equal]
+        for row, tail in zip(rows, _shortest_tails([folders[row] for row in rows]), strict=True):
+            names[row] = f"{equal} ({tail})"
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise InvalidInputError(f"expected each agent once in each result folder, got several of {', '.join(twice)}")
+    return names
+
+
+def _shortest_tails(folders: Sequence[Sequence[Path]]) -> list[str]:
+    """The last parts of paths, as few as distinguish the groups of folders; of equal groups, the names."""
+    paths = [[folder.resolve() for folder in some] for some in folders]
+
+    def tails(depth: int) -> list[str]:
+        return [", ".join("/".join(path.parts[-depth:]) for path in some) for some in paths]
+
+    found = map(tails, range(1, max(len(path.parts) for some in paths for path in some) + 1))
+    return next((some for some in found if len(set(some)) == len(some)), tails(1))
 
 
 def _evaluation(name: str, agent: AgentInfo, results: Sequence[Result]) -> Evaluation:

@@ -14,9 +14,17 @@ from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
 from dohyo.evaluation.parking.lot_files import is_lots_folder, read_lot_motions, read_lots
 from dohyo.evaluation.parking.motion import read_motion
-from dohyo.evaluation.parking.page import Evaluated, comparisons, mixed_versions, shown_records, write_parking_page
+from dohyo.evaluation.parking.page import (
+    Evaluated,
+    Motions,
+    comparisons,
+    mixed_versions,
+    shown_records,
+    write_parking_page,
+)
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
+from dohyo.service.cli.by_agent import names_in_report
 from dohyo.service.cli.failures import end_parking
 from dohyo.service.cli.output import console, interval, print_json, print_rows
 from dohyo.service.cli.progress import ProgressBar
@@ -56,17 +64,11 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
     """Compares evaluations of parking: a table here, and one self-contained HTML file.
 
     Raises:
-        InvalidInputError: A folder holds no evaluation of parking, or they are on different benchmarks.
+        InvalidInputError: A folder holds no evaluation of parking or comes twice, or they are on different benchmarks.
     """
-    evaluated: list[Evaluated] = []
-    for folder in folders:
-        fetched = is_lots_folder(folder)
-        records = read_lots(folder) if fetched else read_records(folder / RECORDS)
-        motions = (read_lot_motions if fetched else read_motion)(folder, shown_records(records))
-        name = records[0].agent.name
-        if name in {one.name for one in evaluated}:
-            name = f"{name} ({folder.name})"
-        evaluated.append(Evaluated(name, records, motions))
+    found = [_evaluation_in(folder) for folder in folders]
+    names = names_in_report([records[0].agent for records, _ in found], [[folder] for folder in folders])
+    evaluated = [Evaluated(name, *one) for name, one in zip(names, found, strict=True)]
     path = write_parking_page(out, evaluated)
     _print({one.name: one.records for one in evaluated})
     for first, second, comparison in comparisons(evaluated):
@@ -80,6 +82,13 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
     if mixed := mixed_versions(evaluated):
         console.print(f"take care: {mixed}", highlight=False, soft_wrap=True)
     console.print(f"report: {path.resolve()}", soft_wrap=True)
+
+
+def _evaluation_in(folder: Path) -> tuple[Sequence[ParkingRecord], Motions]:
+    """Records of an evaluation, and the motion of the lots that a report shows."""
+    fetched = is_lots_folder(folder)
+    records = read_lots(folder) if fetched else read_records(folder / RECORDS)
+    return records, (read_lot_motions if fetched else read_motion)(folder, shown_records(records))
 
 
 def verify_parking(path: Path, trust: bool, as_json: bool, deadline_s: float) -> None:

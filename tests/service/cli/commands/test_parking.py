@@ -80,9 +80,25 @@ def test_evaluations_without_a_common_lot_are_reported_side_by_side(
     capsys.readouterr()
     assert dohyo(monkeypatch, "report", *(tmp_path / name for name in "abc"), "--out", page) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "greedy and greedy (b) have no common lot" in said
-    assert re.search(r"greedy (<|=|>) greedy \(c\): success differs by .* on 2 common lots", said)
-    assert '<p class="note">greedy and greedy (b) have no common lot.</p>' in page.read_text()
+    assert "greedy (a) and greedy (b) have no common lot" in said
+    assert re.search(r"greedy \(a\) (<|=|>) greedy \(c\): success differs by .* on 2 common lots", said)
+    assert '<p class="note">greedy (a) and greedy (b) have no common lot.</p>' in page.read_text()
+
+
+def test_folders_of_one_name_are_told_by_the_folders_around_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order, page = ("evaluate", *AGENT, "--benchmark", "parking-simple", "--seeds"), tmp_path / "page.html"
+    folders = [tmp_path / name for name in ("a/lots", "b/lots", "c/lots")]
+    for folder, seeds in zip(folders, ("0-1", "0-1", "2-4"), strict=True):
+        assert dohyo(monkeypatch, *order, seeds, "--out", folder) == 0
+    capsys.readouterr()
+    assert dohyo(monkeypatch, "report", *folders, "--out", page) == 0
+    said = capsys.readouterr().out
+    assert all(said.count(f"greedy ({name}/lots) ") >= 2 for name in "abc")
+    assert "greedy (a/lots) = greedy (b/lots): success differs by 0" in " ".join(said.split())
+    assert dohyo(monkeypatch, "report", folders[0], folders[0], "--out", page) == 2
+    assert "expected each agent once in each result folder" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_report_of_several_versions_says_so(
@@ -98,7 +114,7 @@ def test_a_report_of_several_versions_says_so(
     assert "take care" not in capsys.readouterr().out
     assert dohyo(monkeypatch, "report", out, old, "--out", page) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("take care: different")]
-    assert line.endswith(f"greedy: dohyo {records[0].version}; greedy (old): dohyo 0.9.0")
+    assert line.endswith(f"greedy (out): dohyo {records[0].version}; greedy (old): dohyo 0.9.0")
 
 
 def test_the_registered_agents_park_and_are_verified_without_trust(

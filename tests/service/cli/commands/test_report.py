@@ -90,10 +90,15 @@ def test_agents_with_equal_settings_have_the_names_of_their_folders(tmp_path: Pa
     assert "tester (before)" in (tmp_path / "page.html").read_text()
 
 
-def test_folders_of_one_name_are_refused(tmp_path: Path) -> None:
-    refused = report(tmp_path, *(folder_of(tmp_path / name / "mine", QUICK) for name in ("a", "b"))).exception
+def test_folders_of_one_name_are_told_by_the_folders_around_them(tmp_path: Path) -> None:
+    folders = [folder_of(tmp_path / name / "mine", QUICK) for name in ("a", "b")]
+    done = report(tmp_path, *folders)
+    assert done.exit_code == 0, done.output
+    assert "tester (a/mine) = tester (b/mine): driving score differs by 0" in done.output
+    assert "tester (b/mine)" in (tmp_path / "page.html").read_text()
+    refused = report(tmp_path, *folders, folders[0]).exception
     assert isinstance(refused, InvalidInputError)
-    assert "expected one evaluation per agent, got several of tester (mine)" in str(refused)
+    assert "expected each agent once in each result folder, got several of tester (mine)" in str(refused)
 
 
 def test_versions_that_differ_are_named_in_one_line(tmp_path: Path) -> None:
