@@ -13,6 +13,7 @@ import numpy as np
 
 from dohyo.agents.forecasting.data.windows import HORIZON, Windows
 from dohyo.agents.forecasting.quantiles import COVERAGE
+from dohyo.agents.forecasting.scores import coverage
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 RATE: Final = 0.1
@@ -31,6 +32,11 @@ def tracked(intervals: Float32Array, windows: Windows) -> Float32Array:
     lower, middle, upper = np.moveaxis(intervals, 2, 0)
     shift = shifts(np.maximum(lower - windows.target, windows.target - upper), windows)[:-1]
     return np.stack([np.minimum(lower - shift, middle), middle, np.maximum(upper + shift, middle)], axis=2)
+
+
+def tracked_coverage(ahead: Float32Array, windows: Windows) -> tuple[FloatArray, FloatArray]:
+    """Share of values within tracked intervals around forecasts (B, 3, N), (S, 3), and the mean width, (S, 3), m/s."""
+    return coverage(tracked(np.stack([ahead] * 3, axis=2), windows), windows)
 
 
 def shifts(outside: Float32Array, windows: Windows) -> Float32Array:

@@ -289,15 +289,19 @@ def _free_mps(forecaster: Forecaster, table: SpeedData) -> float:
 
 def _measured(forecaster: Forecaster, windows: Windows, free_mps: float) -> dict[str, Any]:
     """Errors of a forecaster, and how well it foresees frontiers of congestion; each for three rows ahead."""
-    from dohyo.agents.forecasting.scores import errors, frontier_scores, frontiers_ahead
+    from dohyo.agents.forecasting.live.tracking import tracked_coverage
+    from dohyo.agents.forecasting.scores import errors_of, frontier_scores, frontiers_ahead
 
-    got = errors(forecaster, windows, free_mps)
+    ahead = forecaster.predict_many(windows.history, windows.time_s)
+    got, (inside, width) = errors_of(ahead, windows, free_mps), tracked_coverage(ahead, windows)
     frontiers = frontier_scores(frontiers_ahead(forecaster, windows, free_mps), windows, free_mps)
     return {
         "mse_x1000": _numbers(got.mse_x1000()),
         "rmse_kmh": _numbers(got.rmse("km/h")),
         "rmse_mph": _numbers(got.rmse("mph")),
         "rmse_kmh_interval": _known(got.rmse_interval(KEPT_UNIT)),
+        "inside_percent": [_mean(100.0 * column) for column in inside.T],
+        "width_kmh": [_mean(3.6 * column) for column in width.T],
         **{name: [_mean(column) for column in table.T] for name, table in frontiers.items()},
     }
 
@@ -323,12 +327,23 @@ def _print_errors(table: SpeedData, found: Mapping[str, Mapping[str, Any]]) -> N
             f"{_optional(one['frontier_f1'][-1])} by {label}" for label, one in facts.items() if isinstance(one, dict)
         ]
         console.print(f"where congestion begins or ends in {name}, F1 in % at {ahead[-1]}: {', '.join(scores)}")
+        console.print(_intervals(name, facts, ahead), highlight=False)
     if table.missing:
         console.print(f"{100 * table.missing:.1f} % of the speeds are missing; filled in histories, left out of errors")
     for note in table.notes:
         console.print(note)
     if table.lag_min:
         console.print(f"the feed is up to {table.lag_min:g} min late: now is that long after its last row")
+
+
+def _intervals(name: str, facts: Mapping[str, Any], ahead: Sequence[str]) -> str:
+    """How many values lay inside the intervals that `run` would have given, and how wide these were."""
+    each = [
+        f"{_optional(one['inside_percent'][-1])} % in {_optional(one['width_kmh'][-1])} km/h by {label}"
+        for label, one in facts.items()
+        if isinstance(one, dict)
+    ]
+    return f"inside the intervals of `forecast run` in {name} at {ahead[-1]}, of 90 %: {', '.join(each)}"
 
 
 def _speeds(facts: Mapping[str, Any]) -> list[str]:

@@ -31,6 +31,8 @@ def test_a_table_of_200_sensors_with_gaps_is_learned_and_evaluated(tmp_path: Pat
     assert document["segments"] == 200
     test = document["sets"]["test"]
     assert test["tsmixer"]["mse_x1000"][2] < test["persistence"]["mse_x1000"][2]
+    np.testing.assert_allclose(test["tsmixer"]["inside_percent"], 90.0, atol=4.0)
+    assert test["tsmixer"]["width_kmh"][2] < test["persistence"]["width_kmh"][2]
     assert {Path(one).suffix for one in document["written"]} == {".safetensors", ".onnx"}
     evaluate = ("forecast", "evaluate", "--data", table, "--unit", "km/h", "--json", "--model")
     for file in ("f.safetensors", "f.onnx"):
@@ -45,9 +47,9 @@ def test_frontiers_of_a_moving_jam_are_foreseen_better_than_by_persistence(tmp_p
     fit = ("forecast", "fit", "--data", table, "--unit", "km/h", "--model", "frontiers", "--steps", 60)
     test = json.loads(dohyo(*fit, "--json"))["sets"]["test"]
     assert test["frontiers"]["frontier_f1"][2] > test["persistence"]["frontier_f1"][2] + 10.0
-    assert "by persistence" in dohyo(
-        "forecast", "evaluate", "--data", table, "--unit", "km/h", "--model", "persistence"
-    )
+    told = dohyo("forecast", "evaluate", "--data", table, "--unit", "km/h", "--model", "persistence")
+    assert "F1 in % at t+3 min" in told
+    assert "inside the intervals of `forecast run` in test at t+3 min, of 90 %: " in " ".join(told.split())
 
 
 def test_a_folder_is_evaluated_set_by_set(tmp_path: Path) -> None:
