@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import chain
 
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 
@@ -25,8 +26,9 @@ class AgentDrives(EpisodeRecord):
 def agents_of(records: Iterable[EpisodeRecord]) -> list[AgentInfo]:
     """Every agent that drove, once, in the order of its first drive."""
     found: list[AgentInfo] = []
-    for record in records:
-        found += [ego.agent for ego in record.egos if ego.agent not in found]
+    for ego in chain.from_iterable(record.egos for record in records):
+        if ego.agent not in found:
+            found.append(ego.agent)
     return found
 
 

@@ -22,6 +22,12 @@ def test_each_agent_has_its_own_drives_and_exchanged_missions_are_one_pair() -> 
     assert (found.mean, found.n) == (0.0, 1), "both drives are of one scenario and seed"
 
 
+def test_an_agent_of_two_egos_is_one_agent() -> None:
+    record = episode(ego(name="a"), ego(name="b"), ego(name="c", agent=OTHER))
+    assert agents_of([record]) == [AGENT, OTHER]
+    assert meetings([record]) == [Meeting(0, 1, episodes=1, collisions=0)]
+
+
 def test_an_episode_is_lost_for_the_agents_of_all_its_egos() -> None:
     record = episode(ego(name="a", status=Status.COMPLETED), ego(name="b", agent=OTHER, status=Status.GRIDLOCK))
     narrowed = drives_of(AGENT, record)
