@@ -31,7 +31,7 @@ from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
 from dohyo.evaluation.scores.nuplan.summary import applies, lost_drives, score_records
 from dohyo.evaluation.scores.nuplan.summary import as_document as closed_loop_document
-from dohyo.evaluation.summary import Summary, common_drives, score_drive, summarise, summarise_cells
+from dohyo.evaluation.summary import SCORES, Summary, common_drives, score_drive, summarise, summarise_cells
 from dohyo.service.cli.by_agent import evaluations_of
 from dohyo.service.cli.closed_loop import print_closed_loop, print_legend, print_terms
 from dohyo.service.cli.commands.parking import drive_lots_again, report_parking, verify_parking
@@ -300,8 +300,8 @@ def score(
     scored = score_records((record, path) for record, path in zip(loaded, records, strict=True) if applies(record))
     rules = rules or _rules_of(loaded[0], records[0])
     summaries = _by_agent(loaded, rules, irs_length)
+    drives = _drives(records, loaded, rules, irs_length)
     if json:
-        drives = _drives(records, loaded, rules, irs_length)
         closed = {"closed_loop": closed_loop_document(scored, lost_drives(loaded))} if scored else {}
         print_json(
             scores_document(summaries, loaded)
@@ -309,12 +309,9 @@ def score(
             | closed
         )
         return
-    rows = [
-        (path.stem, ego, *(number(value) for value in scores.values()))
-        for path, ego, scores in _drives(records, loaded, rules, irs_length)
-    ]
-    names = next(iter(_drives(records, loaded, rules, irs_length)))[2]
-    print_rows(["record", "ego", *names], rows)
+    if drives:
+        rows = [(path.stem, ego, *map(number, scores.values())) for path, ego, scores in drives]
+        print_rows(["record", "ego", *SCORES], rows)
     if scored:
         print_terms(scored)
     print_comparison(summaries)

@@ -17,7 +17,7 @@ from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, manifest_of
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
-from tests.evaluation.builders import AGENT, drive, ego, episode, infraction
+from tests.evaluation.builders import AGENT, drive, ego, episode, infraction, lost
 
 STRICT: Benchmark = load_benchmark("quickstart").model_copy(update={"name": "strict", "rules": "2.1"})
 BY_RULES = {"1.0": 80.0 * 0.6 * 0.7, "2.0": 80.0 * 0.6 * 0.7, "2.1": 80.0 / (1.0 + 0.7 + 0.4)}
@@ -65,6 +65,14 @@ def test_a_record_of_no_benchmark_here_is_scored_by_rules_2(record: Path, tmp_pa
     (tmp_path / "run" / MANIFEST).unlink()
     told = json.loads(dohyo.invoke(app, ["score", str(record), "--json"]).stdout)
     assert told["rules"] == "2.0"
+
+
+def test_lost_drives_alone_have_no_scores_of_drives(tmp_path: Path) -> None:
+    path = write_record(tmp_path, "gone-s0", seal(lost()), drive())
+    done = dohyo.invoke(app, ["score", str(path)], env={"COLUMNS": "300"})
+    assert done.exit_code == 0, done.output
+    assert "gone-s0" not in done.output
+    assert re.search(r"lost \(gridlock, infrastructure\) +1", done.output)
 
 
 def truncate(table: Path) -> None:
