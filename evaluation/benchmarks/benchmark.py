@@ -170,16 +170,22 @@ class Benchmark(Config):
         ):
             if len(set(names)) != len(names):
                 raise ValueError(f"names must be unique, got {names}")
+        for cell in self.cells:
+            if cell.missions not in self.missions:
+                raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
+        return self
+
+    @model_validator(mode="after")
+    def _excerpts_fit(self) -> Benchmark:
         if self.replay and not self.duration_s:
             raise ValueError("replay: expected a duration_s beside it, since logs end")
         if self.replay and not self.reference_agent:
             raise ValueError("replay: expected a reference_agent beside it, which makes missing logs")
-        missions = [mission for some in self.missions.values() for mission in some]
-        if self.closed_loop and any(mission.excerpt is None for mission in missions):
+        all_have_one = all(mission.excerpt is not None for some in self.missions.values() for mission in some)
+        if self.replay and not all_have_one:
+            raise ValueError("replay: expected an excerpt in every mission, for its log")
+        if self.closed_loop and not all_have_one:
             raise ValueError("headline 'closed_loop': expected an excerpt in every mission, for its reference_m")
-        for cell in self.cells:
-            if cell.missions not in self.missions:
-                raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
         return self
 
     @property

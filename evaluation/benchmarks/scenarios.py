@@ -69,7 +69,6 @@ def _excerpted(benchmark: Benchmark, scenario: Scenario, excerpt: Excerpt) -> Sc
         update={
             "seed": excerpt.seed,
             "traffic": warmed_up,
-            "duration_s": benchmark.duration_s,
             "reference_m": excerpt.reference_m,
             "log": excerpt.log if benchmark.replay else None,
         }
@@ -138,6 +137,7 @@ def _scenario(
         stop_on_collision=benchmark.stop_on_collision,
         time_limit_s=round(longest / (limit.speed_kmh / KMH_PER_MPS) + limit.extra_s, 1) if limit else None,
         seed=seed,
+        duration_s=benchmark.duration_s,
     )
 
 

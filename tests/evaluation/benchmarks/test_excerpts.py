@@ -54,9 +54,30 @@ def test_replay_needs_a_duration() -> None:
         mine(duration_s=None)
 
 
+def plain(**changes: object) -> dict[str, object]:
+    """The mission without its excerpt."""
+    return mine().missions["all"][0].model_dump() | {"excerpt": None} | changes
+
+
 def test_a_closed_loop_headline_needs_references() -> None:
-    with pytest.raises(ValueError, match="expected an excerpt in every mission"):
-        mine(missions=[mine().missions["all"][0].model_dump() | {"excerpt": None}])
+    with pytest.raises(ValueError, match="'closed_loop': expected an excerpt in every mission, for its reference_m"):
+        mine(missions=[plain()], replay=False)
+
+
+def test_replay_needs_logs_of_all_missions() -> None:
+    both = [mine().missions["all"][0].model_dump(), plain(name="m02")]
+    for missions in (both, both[1:]):
+        with pytest.raises(ValueError, match="replay: expected an excerpt in every mission, for its log"):
+            mine(missions=missions, headline="driving_score")
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_a_duration_holds_without_excerpts(together: bool) -> None:
+    cell = {"name": "all", "network": "district", "missions": "all", "together": together}
+    changes = {"headline": "driving_score", "replay": False, "network": None, "traffic": None, "cells": [cell]}
+    given = {key: value for key, value in (PLAIN | changes).items() if value is not None}
+    (scenario,) = Benchmark.model_validate(given | {"missions": {"all": [plain()]}}).scenarios([0])
+    assert (scenario.duration_s, scenario.log, scenario.reference_m) == (15.0, None, None)
 
 
 @pytest.mark.parametrize("agent", [None, "Expert", "somewhere.Expert", "os; x:Expert"])
