@@ -186,6 +186,9 @@ class Benchmark(Config):
             raise ValueError("replay: expected an excerpt in every mission, for its log")
         if self.closed_loop and not all_have_one:
             raise ValueError("headline 'closed_loop': expected an excerpt in every mission, for its reference_m")
+        for cell in self.cells:
+            if cell.together and any(mission.excerpt is not None for mission in self.missions[cell.missions]):
+                raise ValueError(f"cell '{cell.name}': expected together = false, since its missions have excerpts")
         return self
 
     @property

@@ -71,6 +71,16 @@ def test_replay_needs_logs_of_all_missions() -> None:
             mine(missions=missions, headline="driving_score")
 
 
+def test_missions_with_an_excerpt_are_driven_one_at_a_time() -> None:
+    cell = {"name": "both", "network": "district", "missions": "all", "together": True}
+    given = {key: value for key, value in PLAIN.items() if key not in ("network", "traffic")}
+    first = mine().missions["all"][0].model_dump()
+    for missions in ([first], [first, plain(name="m02")]):
+        changes = {"headline": "driving_score", "replay": False, "cells": [cell], "missions": {"all": missions}}
+        with pytest.raises(ValueError, match="cell 'both': expected together = false, since its missions have exc"):
+            Benchmark.model_validate(given | changes)
+
+
 @pytest.mark.parametrize("together", [False, True])
 def test_a_duration_holds_without_excerpts(together: bool) -> None:
     cell = {"name": "all", "network": "district", "missions": "all", "together": together}
