@@ -37,7 +37,7 @@ def check_disk_room(folder: Path, needed: int, remedy: str) -> None:
 
 
 def reserve(files: Iterable[tuple[Path, int]]) -> None:
-    """Reserves the blocks of the first bytes of files; what they hold is kept.
+    """Reserves the blocks of the first bytes of files; what they hold is kept. Does nothing where a system cannot.
 
     Args:
         files: Each with its number of bytes.
@@ -45,6 +45,8 @@ def reserve(files: Iterable[tuple[Path, int]]) -> None:
     Raises:
         OSError: The disk is full.
     """
+    if not hasattr(os, "posix_fallocate"):  # macOS
+        return
     for path, count in files:
         with path.open("r+b") as file:
             try:
