@@ -173,6 +173,10 @@ class Benchmark(Config):
         for cell in self.cells:
             if cell.missions not in self.missions:
                 raise ValueError(f"cell '{cell.name}': no set of missions '{cell.missions}'")
+        # Records are found by the names of scenarios.
+        counts = Counter(name for cell in self.cells for name in self.scenario_names(cell))
+        if repeated := [name for name, times in counts.items() if times > 1]:
+            raise ValueError(f"expected names of scenarios to be unique, got '{repeated[0]}' again")
         return self
 
     @model_validator(mode="after")
@@ -214,11 +218,17 @@ class Benchmark(Config):
     @property
     def size(self) -> int:
         """Number of scenarios for one seed."""
-        return sum(
-            (1 if cell.together else len(self.missions[cell.missions]))
-            * (len(cell.conditions) if self.every_condition else 1)
-            for cell in self.cells
-        )
+        return sum(len(self.scenario_names(cell)) for cell in self.cells)
+
+    def scenario_names(self, cell: Cell) -> list[str]:
+        """Names of the scenarios of a cell for one seed, in their order: mission by mission, then by conditions."""
+        names = [cell.name]
+        if not cell.together:
+            prefix = "" if len(self.cells) == 1 else f"{cell.name}."
+            names = [f"{prefix}{mission.name}" for mission in self.missions[cell.missions]]
+        if not self.every_condition:
+            return names
+        return [f"{name}.{conditions}" for name in names for conditions in cell.conditions]
 
     @property
     def shared_egos(self) -> tuple[str, ...]:

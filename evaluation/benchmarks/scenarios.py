@@ -37,6 +37,7 @@ def make_scenarios(benchmark: Benchmark, seeds: Sequence[int]) -> list[Scenario]
 def _scenarios(benchmark: Benchmark, cell: Cell, seed: int) -> Iterator[Scenario]:
     missions = benchmark.missions[cell.missions]
     lengths = [_length(benchmark, cell, number, mission) for number, mission in enumerate(missions, start=1)]
+    names = iter(benchmark.scenario_names(cell))
     if cell.together:
         egos = tuple(mission.mission(mission.name) for mission in missions)
         events = [
@@ -44,23 +45,20 @@ def _scenarios(benchmark: Benchmark, cell: Cell, seed: int) -> Iterator[Scenario
             for number, mission in enumerate(missions)
             for event in _events(benchmark, cell, number, mission, mission.name, seed, together=True)
         ]
-        for conditions, name in _conditions(benchmark, cell, cell.name, turn=seed):
-            yield _scenario(benchmark, cell, name, egos, events, conditions, max(lengths), seed)
+        for conditions in _conditions(benchmark, cell, turn=seed):
+            yield _scenario(benchmark, cell, next(names), egos, events, conditions, max(lengths), seed)
         return
     for number, (mission, length) in enumerate(zip(missions, lengths, strict=True)):
-        plain = mission.name if len(benchmark.cells) == 1 else f"{cell.name}.{mission.name}"
         events = _events(benchmark, cell, number, mission, "ego", seed, together=False)
-        for conditions, name in _conditions(benchmark, cell, plain, turn=number):
-            scenario = _scenario(benchmark, cell, name, (mission.mission("ego"),), events, conditions, length, seed)
+        ego = (mission.mission("ego"),)
+        for conditions in _conditions(benchmark, cell, turn=number):
+            scenario = _scenario(benchmark, cell, next(names), ego, events, conditions, length, seed)
             yield scenario if mission.excerpt is None else _excerpted(benchmark, scenario, mission.excerpt)
 
 
-def _conditions(benchmark: Benchmark, cell: Cell, name: str, turn: int) -> Iterator[tuple[str, str]]:
-    """Conditions of a scenario, each with the scenario's name: all of the cell, or the next of them in turn."""
-    if benchmark.every_condition:
-        yield from ((conditions, f"{name}.{conditions}") for conditions in cell.conditions)
-    else:
-        yield cell.conditions[turn % len(cell.conditions)], name
+def _conditions(benchmark: Benchmark, cell: Cell, turn: int) -> tuple[str, ...]:
+    """Conditions of the scenarios of one mission: all of the cell, or the next of them in turn."""
+    return cell.conditions if benchmark.every_condition else (cell.conditions[turn % len(cell.conditions)],)
 
 
 def _excerpted(benchmark: Benchmark, scenario: Scenario, excerpt: Excerpt) -> Scenario:

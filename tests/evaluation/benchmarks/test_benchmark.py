@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
 
-from dohyo.evaluation.benchmarks.benchmark import load_benchmark
+from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.documents import BENCHMARKS
 from dohyo.evaluation.benchmarks.headline import Headline
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -67,3 +69,38 @@ def test_seeds_out_of_range_are_one_clear_line(seed: int) -> None:
 def test_a_seed_that_comes_twice_is_refused_before_anything_is_driven() -> None:
     with pytest.raises(InvalidInputError, match="benchmark 'quickstart': expected every seed once, got 3 again"):
         load_benchmark("quickstart").scenarios([3, 0, 3])
+
+
+def of_cells(
+    missions: Mapping[str, Sequence[str]], conditions: Sequence[str] = ("clear",), **changes: object
+) -> Benchmark:
+    """A benchmark with a cell of each name, which has missions of some names."""
+    quickstart = load_benchmark("quickstart").model_dump(mode="json")
+    one = quickstart["missions"]["all"][0]
+    cells = [{"name": name, "network": "ingolstadt", "missions": name, "conditions": conditions} for name in missions]
+    sets = {cell: [one | {"name": name} for name in names] for cell, names in missions.items()}
+    return Benchmark.model_validate(quickstart | {"cells": cells, "missions": sets} | changes)
+
+
+@pytest.mark.parametrize(
+    ("missions", "conditions", "name"),
+    [
+        ({"a": ["one"]}, ["clear", "clear"], "one.clear"),
+        ({"a": ["one", "one.clear"]}, ["wet", "clear.wet"], "one.clear.wet"),
+        ({"a.b": ["c"], "a": ["b.c"]}, ["clear"], "a.b.c.clear"),
+    ],
+)
+def test_two_scenarios_of_one_name_are_refused(
+    missions: Mapping[str, Sequence[str]], conditions: Sequence[str], name: str
+) -> None:
+    with pytest.raises(ValueError, match=f"expected names of scenarios to be unique, got '{re.escape(name)}' again"):
+        of_cells(missions, conditions, every_condition=True)
+
+
+def test_cells_whose_missions_share_names_give_scenarios_of_different_names() -> None:
+    made = of_cells({"a": ["one", "two"], "b": ["one"]}, ["clear", "wet", "clear"])
+    assert [one.name for one in made.scenarios([0])] == ["a.one", "a.two", "b.one"]
+    assert [one.conditions for one in made.scenarios([0])] == ["clear", "wet", "clear"]
+    assert made.size == 3
+    every = of_cells({"a": ["one"]}, ["clear", "wet"], every_condition=True)
+    assert [(one.name, one.conditions) for one in every.scenarios([0])] == [("one.clear", "clear"), ("one.wet", "wet")]
