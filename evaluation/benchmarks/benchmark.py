@@ -126,7 +126,7 @@ class Benchmark(Config):
         missions: Sets of missions by name.
         stop_on_collision: Whether the first collision ends a drive, as in NoCrash.
         time_limit: Time limit of every mission; None: that of the CARLA Leaderboard (see `criteria.route_timeout`).
-        seeds: Seeds that are driven by default; missions with an excerpt have their own.
+        seeds: Seeds that are driven by default; (0,) where missions have an excerpt, with a seed of its own.
         duration_s: Duration of every episode, s; None: until the goal.
         replay: Whether all actors except the egos follow the log of the mission's excerpt, even if the egos drive
             differently from it.
@@ -190,6 +190,8 @@ class Benchmark(Config):
             raise ValueError("replay: expected an excerpt in every mission, for its log")
         if self.closed_loop and not all_have_one:
             raise ValueError("headline 'closed_loop': expected an excerpt in every mission, for its reference_m")
+        if self.excerpts and self.seeds != (0,):
+            raise ValueError("seeds: expected [0], since missions with an excerpt have seeds of their own")
         for cell in self.cells:
             if cell.together and any(mission.excerpt is not None for mission in self.missions[cell.missions]):
                 raise ValueError(f"cell '{cell.name}': expected together = false, since its missions have excerpts")

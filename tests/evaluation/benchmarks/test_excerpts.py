@@ -49,6 +49,18 @@ def test_seeds_are_those_of_the_excerpts() -> None:
         mine().scenarios([0, 1])
 
 
+@pytest.mark.parametrize("seeds", [[0, 1, 2], [7]])
+def test_other_seeds_in_the_file_are_refused_there(seeds: list[int]) -> None:
+    with pytest.raises(ValueError, match=r"seeds: expected \[0\], since missions with an excerpt have seeds of their"):
+        mine(seeds=seeds)
+
+
+def test_a_file_without_seeds_is_told_which_it_needs() -> None:
+    given = {key: value for key, value in mine().model_dump().items() if key != "seeds"}
+    with pytest.raises(ValueError, match=r"seeds: expected \[0\]"):
+        Benchmark.model_validate(given)
+
+
 def test_replay_needs_a_duration() -> None:
     with pytest.raises(ValueError, match="duration_s"):
         mine(duration_s=None)
