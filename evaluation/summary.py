@@ -105,7 +105,7 @@ def summarise(
         records: Of one agent on one benchmark.
         rules: Version of the leaderboard's rules.
         irs_length: Length by which the infraction rate score divides.
-        unrecorded: Number of drives that were lost without a record.
+        unrecorded: Number of drives that were lost without a record; each counts as an episode of its own.
 
     Raises:
         InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.
@@ -117,7 +117,7 @@ def summarise(
     drives = [ego for record in counted for ego in record.egos]
     scored = [[score_drive(ego, rules=rules, irs_length=irs_length) for ego in record.egos] for record in counted]
     statuses = Counter(ego.status for ego in drives)
-    lost_drives = unrecorded + sum(len(record.egos) for record in records if record.lost)
+    lost = [len(record.egos) for record in records if record.lost] + [1] * unrecorded
     return Summary(
         agent=agent.name,
         benchmark=benchmark[0] if benchmark else None,
@@ -125,9 +125,9 @@ def summarise(
         rules=rules,
         irs_length=irs_length,
         episodes=len(counted),
-        lost=lost_drives,
-        scores=_scores(scored, lost_drives=0),
-        scores_lost_as_zero=_scores(scored, lost_drives) if lost_drives else None,
+        lost=sum(lost),
+        scores=_scores(scored, lost=()),
+        scores_lost_as_zero=_scores(scored, lost) if lost else None,
         per_km=_per_km(counted),
         statuses={status.value: statuses[status] for status in Status if statuses[status]},
         km=math.fsum(map(route_km, drives)),
@@ -219,9 +219,9 @@ def as_document(summary: Summary) -> dict[str, Any]:
     return dataclasses.asdict(summary)
 
 
-def _scores(scored: Sequence[Sequence[dict[str, float]]], lost_drives: int) -> dict[str, Estimate]:
-    """Estimate of every score over the scored drives of each episode, and over lost drives, which count 0."""
-    zeros = [[0.0]] * lost_drives
+def _scores(scored: Sequence[Sequence[dict[str, float]]], lost: Sequence[int]) -> dict[str, Estimate]:
+    """Estimate of every score over the scored drives of each episode, and over those of each lost one, which are 0."""
+    zeros = [[0.0] * drives for drives in lost]
     return {name: _estimate(name, [*([drive[name] for drive in some] for some in scored), *zeros]) for name in SCORES}
 
 

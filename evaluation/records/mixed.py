@@ -6,21 +6,22 @@ from collections.abc import Iterable
 from itertools import chain
 
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
+from dohyo.evaluation.records.specifications import Status
 
 
 class AgentDrives(EpisodeRecord):
     """The drives of one agent in an episode of several; it is never written, since its hash is that of the whole.
 
     Attributes:
-        episode_lost: Whether the infrastructure failed for any ego of the episode.
+        episode_fault: The infrastructure fault of any ego of the episode.
     """
 
-    episode_lost: bool
+    episode_fault: Status | None
 
     @property
-    def lost(self) -> bool:
-        """Whether the episode is lost, which it is for all of its egos."""
-        return self.episode_lost
+    def fault(self) -> Status | None:
+        """The infrastructure fault for which the whole episode is lost; None: it is not lost."""
+        return self.episode_fault
 
 
 def agents_of(records: Iterable[EpisodeRecord]) -> list[AgentInfo]:
@@ -38,4 +39,4 @@ def drives_of(agent: AgentInfo, record: EpisodeRecord) -> EpisodeRecord | None:
     if len(egos) in (0, len(record.egos)):
         return record if egos else None
     fields = {name: getattr(record, name) for name in EpisodeRecord.model_fields}
-    return AgentDrives.model_construct(**fields | {"egos": egos}, episode_lost=record.lost)
+    return AgentDrives.model_construct(**fields | {"egos": egos}, episode_fault=record.fault)

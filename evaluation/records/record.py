@@ -167,6 +167,11 @@ class EpisodeRecord(Config):
     timing: Timing | None = None
 
     @property
+    def fault(self) -> Status | None:
+        """The infrastructure fault for which the episode is lost, with all of its egos; None: it is not lost."""
+        return next((ego.status for ego in self.egos if ego.status.infrastructure_fault), None)
+
+    @property
     def lost(self) -> bool:
         """Whether the infrastructure failed in the episode: then none of its egos enters a mean."""
-        return any(ego.status.infrastructure_fault for ego in self.egos)
+        return self.fault is not None

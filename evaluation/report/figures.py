@@ -132,10 +132,14 @@ def infractions_along_route(records: Records) -> go.Figure:
 def episode_endings(records: Records) -> go.Figure:
     """Number of drives of each agent by their ending; lost drives are shown although they enter no score.
 
+    A lost episode is lost for all of its egos, whose drives are shown by its fault.
+
     Args:
         records: Records by agent.
     """
-    counts = {agent: Counter(ego.status for one in some for ego in one.egos) for agent, some in records.items()}
+    counts = {
+        agent: Counter(one.fault or ego.status for one in some for ego in one.egos) for agent, some in records.items()
+    }
     palette = PALETTES["light"]
     figure = go.Figure()
     for status in Status:

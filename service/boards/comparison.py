@@ -8,7 +8,7 @@ from itertools import combinations
 from typing import Any, Final
 
 from dohyo.service.boards.leaderboard import Entry
-from dohyo.service.evaluations.scoring import compare_drives, scores_of, summarise_drives
+from dohyo.service.evaluations.scoring import compare_drives, lost_episodes, scores_of, summarise_drives
 from dohyo.sumo_networks.errors import InvalidInputError
 
 MOST: Final = 8
@@ -101,7 +101,7 @@ def _side(entry: Entry) -> dict[str, Any]:
         "track": entry.track,
         "seeds": len(entry.seeds),
         "dohyo_versions": list(entry.dohyo_versions),
-        **summarise_drives(entry.drives, sum(entry.lost.values())),
+        **summarise_drives(entry.drives, lost_episodes(sum(entry.lost.values()), entry.gridlocked)),
     }
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.spreadsheet import csv_text
 from dohyo.service.boards.leaderboard import Entry
-from dohyo.service.evaluations.scoring import Drive, estimate, scores_of, summarise_drives
+from dohyo.service.evaluations.scoring import Drive, estimate, lost_episodes, scores_of, summarise_drives
 from dohyo.service.mixed_runs.by_agent import agents_document, drivers_of, meetings_document
 
 _LENGTHS: Final = ("km", "route_m", "driven_m", "duration_s")
@@ -24,8 +24,8 @@ def as_document(entry: Entry) -> dict[str, Any]:
         "benchmark": entry.benchmark,
         "benchmark_sha256": entry.benchmark_sha256,
         "seeds": list(entry.seeds),
-        "all": summarise_drives(entry.drives, sum(entry.lost.values())),
-        "cells": {cell: summarise_drives(drives, entry.lost.get(cell, 0)) for cell, drives in cells_of(entry).items()},
+        "all": summarise_drives(entry.drives, lost_episodes(sum(entry.lost.values()), entry.gridlocked)),
+        "cells": {cell: _of_cell(entry, cell, drives) for cell, drives in cells_of(entry).items()},
         "agents": agents_document(entry),
         "meetings": meetings_document(entry),
         "drives": [_drive(entry, drive) for drive in entry.drives],
@@ -64,6 +64,11 @@ def cells_of(entry: Entry) -> dict[str, list[Drive]]:
     for drive in entry.drives:
         cells.setdefault(drive.cell, []).append(drive)
     return cells | {cell: [] for cell in entry.lost if cell not in cells}
+
+
+def _of_cell(entry: Entry, cell: str, drives: Sequence[Drive]) -> dict[str, Any]:
+    gridlocked = [drive for drive in entry.gridlocked if drive.cell == cell]
+    return summarise_drives(drives, lost_episodes(entry.lost.get(cell, 0), gridlocked))
 
 
 def _rows(entry: Entry, names: Sequence[str], kinds: Sequence[str]) -> Iterator[list[object]]:

@@ -67,7 +67,9 @@ def _with_lambda(summary: Summary, records: Sequence[EpisodeRecord], irs_lambda:
     scores = {**summary.scores, "irs": grouped_estimate(episodes, mean_estimate)}
     as_zero = summary.scores_lost_as_zero
     if as_zero is not None:
-        zeros = [[0.0]] * (as_zero["irs"].n - scores["irs"].n)
+        zeros = [[0.0] * len(one.egos) for one in records if one.lost]
+        unrecorded = as_zero["irs"].n - scores["irs"].n - sum(map(len, zeros))
+        zeros += [[0.0]] * unrecorded
         as_zero = {**as_zero, "irs": grouped_estimate([*episodes, *zeros], mean_estimate)}
     return dataclasses.replace(summary, scores=scores, scores_lost_as_zero=as_zero)
 

@@ -260,17 +260,22 @@ def scores_of(drives: Iterable[Drive]) -> tuple[str, ...]:
     return (*SCORE_KEYS, *(CLOSED_LOOP_SCORES if closed_loop else ()))
 
 
-def estimate(name: str, drives: Sequence[Drive], lost: int = 0) -> Estimate:
+def estimate(name: str, drives: Sequence[Drive], lost: Sequence[int] = ()) -> Estimate:
     """Mean of a score over drives, and over lost ones as 0; the interval is Wilson's for shares, else bootstrap.
 
     Egos of one episode meet each other, so that intervals are over episodes.
+
+    Args:
+        name: Name of the score.
+        drives: Those that count.
+        lost: Number of drives of each lost episode.
     """
     if lots := [drive.lot for drive in drives if drive.lot is not None]:
         return estimate_measure(name, lots)
     if name in _ROOTS:
         return root_estimate(mean_estimate([drive.score(name) ** 2 for drive in drives]))
     episodes = [[drive.score(name) for drive in some] for some in by_episode(drives)]
-    return estimate_values(name, [*episodes, *[[0.0]] * lost])
+    return estimate_values(name, [*episodes, *([0.0] * egos for egos in lost)])
 
 
 def estimate_values(name: str, episodes: Sequence[Sequence[float]]) -> Estimate:
@@ -287,12 +292,23 @@ def by_episode(drives: Iterable[Drive]) -> list[list[Drive]]:
     return [*episodes.values()]
 
 
-def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
+def lost_episodes(lost: int, recorded: Iterable[Drive]) -> list[int]:
+    """Number of drives of each lost episode; a drive that was lost without a record counts as an episode of its own.
+
+    Args:
+        lost: Number of lost drives.
+        recorded: Those of them that have a record.
+    """
+    found = [len(some) for some in by_episode(recorded)]
+    return found + [1] * (lost - sum(found))
+
+
+def summarise_drives(drives: Sequence[Drive], lost: Sequence[int] = ()) -> dict[str, Any]:
     """Scores, infractions per kilometre and endings of drives, as `dohyo score --json` gives them; plain JSON.
 
     Args:
         drives: Those that count.
-        lost: Number of drives lost beside them.
+        lost: Number of drives of each lost episode, see `lost_episodes`.
     """
     names = scores_of(drives)
     statuses = Counter(drive.status for drive in drives)
@@ -301,7 +317,7 @@ def summarise_drives(drives: Sequence[Drive], lost: int = 0) -> dict[str, Any]:
     return {
         "drives": len(drives),
         "episodes": len(episodes),
-        "lost": lost,
+        "lost": sum(lost),
         "km": math.fsum(drive.facts["km"] for drive in drives),
         "scores": {name: asdict(estimate(name, drives)) for name in names},
         "scores_lost_as_zero": {name: asdict(estimate(name, drives, lost)) for name in names}

@@ -6,7 +6,7 @@ from typing import Any
 
 from dohyo.evaluation.meetings import count_meetings
 from dohyo.service.boards.leaderboard import Driver, Entry
-from dohyo.service.evaluations.scoring import Drive, summarise_drives
+from dohyo.service.evaluations.scoring import Drive, lost_episodes, summarise_drives
 
 
 def drivers_of(entry: Entry) -> list[Driver]:
@@ -45,7 +45,9 @@ def meetings_document(entry: Entry) -> list[dict[str, Any]]:
 
 
 def _agent(entry: Entry, driver: Driver) -> dict[str, Any]:
-    drives = [drive for drive in entry.drives if entry.driver_of(drive.ego) == driver]
+    drives, gridlocked = (
+        [drive for drive in some if entry.driver_of(drive.ego) == driver] for some in (entry.drives, entry.gridlocked)
+    )
     return {
         "agent": driver.agent,
         "version": driver.version,
@@ -53,5 +55,5 @@ def _agent(entry: Entry, driver: Driver) -> dict[str, Any]:
         "kind": driver.kind,
         "track": driver.track,
         "egos": list(dict.fromkeys(drive.ego for drive in drives)),
-        **summarise_drives(drives, entry.lost_of(driver)),
+        **summarise_drives(drives, lost_episodes(entry.lost_of(driver), gridlocked)),
     }

@@ -95,6 +95,17 @@ def test_lost_drives_count_as_zero_beside_the_mean_that_leaves_them_out() -> Non
         assert (as_zero.mean, as_zero.n) == (pytest.approx((summary.scores[name].mean or 0.0) / 4), 4)
 
 
+def test_the_lost_drives_of_an_episode_are_one_episode_in_intervals() -> None:
+    """Of two whole episodes and a lost one, resamples may hold the lost one alone."""
+    egos = [ego(name=f"e{i}", status=Status.PERFECT, progress_m=1000.0) for i in range(8)]
+    gone = episode(*egos[1:], ego(name="e0", status=Status.GRIDLOCK), seed=2)
+    summary = summarise([episode(*egos, seed=0), episode(*egos, seed=1), gone])
+    assert summary.scores_lost_as_zero is not None
+    for name in ("success", "driving_score"):
+        found = summary.scores_lost_as_zero[name]
+        assert (found.mean, found.low, found.high, found.n) == (pytest.approx(200 / 3), 0.0, 100.0, 24)
+
+
 def test_a_lost_episode_takes_its_other_egos_with_it() -> None:
     half = episode(ego(name="a", status=Status.COMPLETED), ego(name="b", status=Status.SIMULATION), seed=99)
     assert summarise([*some_episodes(), half]).scores == summarise(some_episodes()).scores

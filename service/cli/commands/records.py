@@ -341,6 +341,6 @@ def _drives(
     return [
         (path, ego.name, score_drive(ego, rules=rules, irs_length=irs_length))
         for path, record in zip(paths, records, strict=True)
+        if not record.lost
         for ego in record.egos
-        if not ego.status.infrastructure_fault
     ]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from dohyo.evaluation.benchmarks.headline import Headline
+from dohyo.evaluation.records.mixed import drives_of
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord, Infraction
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.evaluation.report import contenders, figures
@@ -512,6 +513,17 @@ def test_endings_are_counted_with_the_lost_apart() -> None:
     figure = figures.episode_endings({"a": some})
     assert {bar.name: bar.x[0] for bar in figure.data} == {"perfect": 2, "simulation failed": 1}
     assert figure.layout.title.text == "Goals reached: a 2 of 2"
+
+
+def test_the_endings_of_a_lost_episode_are_its_fault_for_all_egos_and_agents() -> None:
+    other = driver("other")
+    gone = episode(ego(name="a", status=Status.GRIDLOCK), ego(name="b", status=Status.COMPLETED, agent=other))
+    apart = {agent.name: [drives_of(agent, gone) or gone] for agent in (AGENT, other)}
+    for records in ({"a": [gone]}, apart):
+        (bar,) = figures.episode_endings(records).data
+        assert (bar.name, sum(bar.x)) == ("traffic was gridlocked", 2)
+    title = figures.episode_endings({"a": [gone, *drives("a", [], status=Status.PERFECT)]}).layout.title.text
+    assert title == "Goals reached: a 1 of 1"
 
 
 def test_figures_read_no_markup_in_names() -> None:

@@ -5,7 +5,9 @@ import io
 
 import pytest
 
-from dohyo.evaluation.records.specifications import InfractionKind
+from dohyo.evaluation.records.specifications import InfractionKind, Status
+from dohyo.service.boards.comparison import compare_entries
+from dohyo.service.boards.leaderboard import Driver
 from dohyo.service.evaluations.metrics import as_csv, as_document
 from tests.evaluation.builders import ego, episode, infraction
 from tests.service.evaluations.test_scoring import drives_of, entry
@@ -22,6 +24,20 @@ def test_lost_drives_count_as_zero_beside_the_means_that_leave_them_out() -> Non
     as_zero = [whole[part]["scores_lost_as_zero"] for part in ("all",)]
     as_zero += [whole["cells"][cell]["scores_lost_as_zero"] for cell in ("town", "gone")]
     assert [one["route_completion"]["mean"] for one in as_zero] == [20.0, 40.0, 0.0]
+
+
+def test_the_gridlocked_drives_of_an_episode_are_one_episode_in_intervals() -> None:
+    egos = [ego(name=name, status=Status.PERFECT) for name in ("one", "two", "three")]
+    there = [drive for n in range(2) for drive in drives_of(episode(*egos, cell="town", seed=n), f"ep{n}")]
+    gone = drives_of(episode(*egos[:2], ego(name="three", status=Status.GRIDLOCK), cell="town", seed=2), "ep2")
+    lost = {"lost": {"town": 3}, "lost_egos": {"one": 1, "two": 1, "three": 1}, "gridlocked": tuple(gone)}
+    alone = entry("a", there, **lost)
+    mixed = entry("a", there, **lost, others={"three": Driver("su-b", "b", 1, "ann", "builtin", "map")})
+    whole, (side, _) = as_document(alone), compare_entries([alone, entry("b", there)], "success")["evaluations"]
+    agent, _ = as_document(mixed)["agents"]
+    found = [(one["lost"], one["scores_lost_as_zero"]) for one in (whole["all"], whole["cells"]["town"], side, agent)]
+    assert [lost for lost, _ in found] == [3, 3, 3, 2]
+    assert [scores["driving_score"]["high"] for _, scores in found] == [100.0] * 4
 
 
 def test_csv_has_a_row_per_drive_one_per_cell_and_one_for_all() -> None:

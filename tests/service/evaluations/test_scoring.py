@@ -19,6 +19,7 @@ from dohyo.service.boards.leaderboard import Entry
 from dohyo.service.evaluations.scoring import (
     Drive,
     compare_drives,
+    lost_episodes,
     rates_per_km,
     scores_of,
     summarise_drives,
@@ -100,6 +101,20 @@ def test_drives_summarised_from_the_database_equal_the_records() -> None:
     assert found["statuses"] == expected.statuses
     assert found["km"] == expected.km
     assert (found["episodes"], found["drives"]) == (3, 4)
+
+
+def test_lost_drives_from_the_database_equal_those_of_the_records() -> None:
+    egos = [ego(VEHICLE, name="one"), ego(name="two", progress_m=300.0)]
+    records = [episode(*egos, seed=seed) for seed in range(3)]
+    records += [episode(ego(name="one", status=Status.GRIDLOCK), egos[1], seed=seed) for seed in (3, 4)]
+    drives = [drive for number, record in enumerate(records) for drive in drives_of(record, f"ep{number}")]
+    sizes = lost_episodes(5, drives[6:])
+    assert sizes == [2, 2, 1]
+    found, expected = summarise_drives(drives[:6], sizes), summarise(records, unrecorded=1)
+    assert expected.scores_lost_as_zero is not None
+    assert (found["lost"], expected.lost) == (5, 5)
+    for name, estimate in expected.scores_lost_as_zero.items():
+        assert found["scores_lost_as_zero"][name] == dataclasses.asdict(estimate), name
 
 
 def test_egos_of_an_episode_are_one_pair() -> None:

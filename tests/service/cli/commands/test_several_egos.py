@@ -49,6 +49,13 @@ def test_an_agent_that_drives_several_egos_of_a_mixed_run_is_reported_once(tmp_p
     assert [one["agents"] for one in told["meetings"]] == [["tester", "other"]]
 
 
+def test_a_lost_episode_has_no_scores_of_its_other_drives(tmp_path: Path) -> None:
+    folder = driven(tmp_path / "run", {}, {"yard": Status.GRIDLOCK})
+    told = json.loads(dohyo.invoke(app, ["score", record_of(folder), "--json"]).stdout)
+    assert (told["lost"], told["drives"]) == (8, [])
+    assert "yard" not in dohyo.invoke(app, ["score", record_of(folder)]).output
+
+
 def test_one_agent_on_several_egos_has_the_summary_of_one_agent(tmp_path: Path) -> None:
     folder = driven(tmp_path / "run", {})
     told = json.loads(dohyo.invoke(app, ["score", record_of(folder), "--json"]).stdout)
