@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from types import MappingProxyType
 
@@ -42,6 +42,12 @@ class Variant:
     def is_trained(self) -> bool:
         """Whether the study trains it, once for each seed."""
         return self.name not in SIMPLE and not self.shipped
+
+    @property
+    def first(self) -> Variant | None:
+        """The one whose weights its training begins with; None: it begins with random ones."""
+        name = {"sa-lstm-n-step": "sa-lstm", Quantiles.name: "sa-lstm-n-step"}.get(self.name)
+        return replace(self, name=name) if name and not self.shipped else None
 
     @property
     def arm(self) -> str:

@@ -126,15 +126,16 @@ class Lab:
         )
         forecaster = make_forecaster(variant.name, len(self.data.segments), self.data.step_s, settings)
         train, validation = self.windows["train"], self.windows["validation"]
+        first = self.forecaster(variant.first, seed) if variant.first else None
         if isinstance(forecaster, Learned) and isinstance(forecaster.network, NStep):
-            start_from(forecaster, self.forecaster(replace(variant, name="sa-lstm"), seed))
+            assert first is not None
+            start_from(forecaster, first)
             scale = forecaster.scale
             train_network(forecaster.network, train, validation, scale, forecaster.free_mps, settings, first=1)
         elif isinstance(forecaster, Quantiles):
-            middle = self.forecaster(replace(variant, name="sa-lstm-n-step"), seed)
-            assert isinstance(middle, Learned)
-            forecaster.network.middle.load_state_dict(middle.network.state_dict())
-            forecaster.scale, forecaster.free_mps = middle.scale, middle.free_mps
+            assert isinstance(first, Learned)
+            forecaster.network.middle.load_state_dict(first.network.state_dict())
+            forecaster.scale, forecaster.free_mps = first.scale, first.free_mps
             forecaster.learn_ends(train, validation)
         else:
             forecaster.fit(train, validation)

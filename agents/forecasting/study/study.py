@@ -70,6 +70,14 @@ def cells(options: Options) -> list[Cell]:
     return cells_of((Block(once, (None,), days), *(Block(learned, (seed,), days) for seed in TRAININGS)))
 
 
+def trainings(cell: Cell) -> Iterator[str]:
+    """The training of a cell's arm, and those that it begins with; arms have the same names in all runs."""
+    variant: Variant | None = {**ARMS, **EQUAL}[cell.arm]
+    while variant is not None:
+        yield f"{variant.arm}-{cell.training_seed}"
+        variant = variant.first
+
+
 def work(options: Options, job: Job) -> Iterator[Row]:
     """Trains a forecaster, unless it is stored, and measures it on every day of the job's sets."""
     lab, first = _lab(options), job[0]
@@ -108,5 +116,6 @@ STUDY = Study(
     tables=TABLES,
     judged=judged,
     together=lambda cell: (cell.arm, cell.training_seed),
+    trainings=lambda cell: tuple(trainings(cell)),
     facts=facts,
 )

@@ -15,7 +15,7 @@ from dohyo.agents.forecasting.study import lab, study, tables
 from dohyo.agents.forecasting.study.arms import Variant
 from dohyo.agents.forecasting.study.lab import SHIPPED, Lab, start_from
 from dohyo.agents.learning.files.card import digest, read_card
-from dohyo.agents.studies.arms import TRAININGS
+from dohyo.agents.studies.arms import TRAININGS, Cell
 from dohyo.agents.studies.rows import cell_of, read_rows
 from tests.agents.forecasting.roads import write_folder
 
@@ -55,6 +55,15 @@ def test_the_n_step_starts_from_the_one_step_of_its_seed(small: Lab) -> None:
     start_from(forecaster, first)
     rows = np.random.default_rng(0).uniform(5, 30, (8, 4))
     np.testing.assert_allclose(forecaster.predict(rows)[0], first.predict(rows)[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("arm", ["sa-lstm-quantiles", "sa-lstm-n-step-lap3", "lstm-mse"])
+def test_a_job_names_all_trainings_that_it_begins(arm: str, small: Lab, tmp_path: Path) -> None:
+    """Jobs with a common training run one after the other."""
+    fresh = Lab(small.data, tmp_path, steps=1)
+    fresh.forecaster(study.ARMS[arm], 1)
+    begun = {path.stem for path in tmp_path.glob("*.safetensors")}
+    assert set(study.STUDY.trainings(Cell(arm, 1, "easy", "00", None))) == begun
 
 
 def test_what_ships_is_what_was_trained_with_a_card(
