@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,6 +38,12 @@ class PlainConsole(Console):
 
 console = PlainConsole(markup=False)
 DASH = "—"
+UNLIMITED = 1_000_000
+"""Width of a page for programs, characters; rich knows no infinite one."""
+WHOLE = frozenset({"id", "name", "evaluation", "control"})
+"""Columns of what a reader copies."""
+WHOLE_SHARE = 0.75
+"""Largest share of a terminal's width that these columns may take without being wrapped."""
 RATES_FROM_KM = 0.1
 """Least route completed by all drives together for which infractions per km are shown, km."""
 
@@ -56,13 +63,24 @@ def print_json(document: object) -> None:
 
 
 def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Prints a table."""
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for column in columns:
-        table.add_column(column, overflow="fold")
+    """Prints a table; on a terminal the columns of `WHOLE` stay on one line where they fit."""
+    table, rows = Table(box=None, header_style="bold", pad_edge=False), list(rows)
+    whole = [place for place, column in enumerate(columns) if column in WHOLE]
+    needed = sum(max((len(row[place]) for row in rows), default=0) for place in whole)
+    for place, column in enumerate(columns):
+        no_wrap = place in whole and needed <= WHOLE_SHARE * console.width
+        table.add_column(column, overflow="fold", no_wrap=no_wrap)
     for row in rows:
         table.add_row(*row)
-    console.print(table)
+    _print_table(table)
+
+
+def _print_table(table: Table) -> None:
+    """Prints a table as wide as a terminal, or as COLUMNS says; else as its content, for programs that read lines."""
+    bounded = console.is_terminal or "COLUMNS" in os.environ
+    if not bounded:
+        table.width = console.measure(table, options=console.options.update(width=UNLIMITED)).maximum
+    console.print(table, crop=bounded)
 
 
 def print_listing(entries: Sequence[Mapping[str, Any]], as_json: bool) -> None:
@@ -95,7 +113,7 @@ def print_comparison(summaries: Sequence[Summary]) -> None:
         table.add_row(Text("counting lost drives as 0", "bold"))
         for key, title in SCORES.items():
             table.add_row(title, *[interval((one.scores_lost_as_zero or one.scores)[key]) for one in summaries])
-    console.print(table)
+    _print_table(table)
     console.print(f"rules {summaries[0].rules}, IRS over km {summaries[0].irs_length}, 95 % intervals")
 
 

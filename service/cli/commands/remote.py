@@ -91,11 +91,15 @@ def submit(
     if json:
         print_json(made)
         return
-    console.print(f"{agent}, version {made['version']}: {made['kind']}, track {made['track']}", highlight=False)
+    console.print(
+        f"{agent}, version {made['version']}: {made['kind']}, track {made['track']}", highlight=False, soft_wrap=True
+    )
     if remote:
-        console.print(f"its worker: dohyo worker --server {server} --agent {agent} --entry ...", highlight=False)
+        console.print(
+            f"its worker: dohyo worker --server {server} --agent {agent} --entry ...", highlight=False, soft_wrap=True
+        )
     first = FIRST_BENCHMARK[family_for(made["control"])]
-    console.print(f"next: dohyo evaluations start {agent} {first} --watch", highlight=False)
+    console.print(f"next: dohyo evaluations start {agent} {first} --watch", highlight=False, soft_wrap=True)
 
 
 def start(
@@ -231,6 +235,9 @@ def leaderboard(
     if json:
         print_json(board)
         return
+    if not board["rows"]:
+        _print_empty(board)
+        return
     metric = board["metric"]
     teams = any(row["team"] for row in board["rows"])
     rows = [
@@ -256,6 +263,15 @@ def leaderboard(
     for reason, run in UNRANKED.items():
         if reason in reasons:
             console.print(f"{run} has no rank", highlight=False)
+
+
+def _print_empty(board: LeaderboardView) -> None:
+    """Says on standard error that a board has no place yet, and how to take one."""
+    ranking, text = board["ranking"], "no complete ranked run yet"
+    if ranking is None or ranking["state"] == "open":
+        how = f"--ranking {ranking['id']}" if ranking and ranking["challenge"] else "--ranked"
+        text += f": `dohyo evaluations start AGENT {board['benchmark']} {how} --watch`"
+    typer.echo(plain(text), err=True)
 
 
 def _board(page: Callable[..., LeaderboardView], most: int) -> LeaderboardView:

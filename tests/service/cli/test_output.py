@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+from rich.text import Text
+
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import ScoredDrive, summarise_closed_loop
@@ -48,3 +51,28 @@ def test_a_strangers_text_is_shown_and_not_obeyed() -> None:
     assert "[/b]\N{REPLACEMENT CHARACTER}[2J[link=http://x]y" in shown
     assert "2Jone\ntwo [bold]three" in shown
     assert not {"\x1b", "\x9b"} & set(shown)
+
+
+def test_a_table_for_programs_has_a_line_for_each_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    name, told = "driver-of-the-whole-fleet", "word " * 60
+    with console.capture() as captured:
+        print_rows(["name", "control", "description"], [(name, "acceleration_steering", told)] * 2)
+    header, *lines = captured.get().splitlines()
+    assert header.split() == ["name", "control", "description"]
+    assert [line.split()[:2] for line in lines] == [[name, "acceleration_steering"]] * 2
+    assert all(line.count("word") == 60 for line in lines)
+
+
+@pytest.mark.parametrize(("width", "whole"), [(80, True), (30, False)])
+def test_a_terminal_wraps_what_is_read_and_not_what_is_copied(
+    monkeypatch: pytest.MonkeyPatch, width: int, whole: bool
+) -> None:
+    monkeypatch.setattr(console, "_force_terminal", True)
+    monkeypatch.setattr(console, "_width", width)
+    row = ("driver-of-the-whole-fleet", "acceleration_steering", "route, objects, lanes and_all_that_is_around_it " * 3)
+    with console.capture() as captured:
+        print_rows(["name", "control", "sensors"], [row])
+    lines = Text.from_ansi(captured.get()).plain.splitlines()
+    assert all(len(line.rstrip()) <= width for line in lines)
+    assert (row[0] in lines[1] and row[1] in lines[1]) == whole
