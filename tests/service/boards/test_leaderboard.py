@@ -68,6 +68,15 @@ def test_a_row_is_compared_with_the_one_above() -> None:
     assert (above["difference"]["mean"], above["difference"]["n"]) == (pytest.approx(-20.0), 8)
 
 
+@pytest.mark.parametrize(("differing", "told"), [(5, False), (6, True)])
+def test_a_row_has_no_probability_where_too_few_drives_differ_from_the_row_above(differing: int, told: bool) -> None:
+    low = drives([10.0] * differing + [90.0] * (8 - differing))
+    above = compare_places(*contenders([entry("low", low), entry("high", drives([90.0] * 8))]))
+    assert above is not None
+    assert above["difference"]["high"] < 0.0
+    assert (above["verdict"], above["probability"]) == (("<", 0.0) if told else ("=", None))
+
+
 def test_entries_without_a_significant_difference_share_a_rank() -> None:
     a = entry("a", drives([60.0, 40.0] * 4))
     b = entry("b", drives([40.0, 59.0, 41.0, 58.0] * 2))

@@ -179,7 +179,7 @@ function pairs(given, colour) {
       h("b", {}, "<"),
       " or ",
       h("b", {}, ">"),
-      `: a test by flipped signs tells the mean from 0 at 5 %; fewer than six ${many} never do. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.`,
+      `: a test by flipped signs tells the mean from 0 at 5 %; it never does where fewer than six ${many} differ. P(A > B) is the probability that the score of A is higher, which is worse where lower is better.`,
     ),
   );
 }
@@ -202,6 +202,7 @@ function scenarios(given, colour) {
       title: one.name,
       unit: `${score.name}, ${score.unit}`,
       key: one.name,
+      css: "named",
       cell: (row) =>
         h(
           "a",
@@ -248,7 +249,7 @@ async function matrix({ evaluations, family, score }) {
       unit: `${score.name}, ${score.unit}`,
       key: `${one.agent}-${i + 1}`,
       numeric: true,
-      css: "shaded",
+      css: "shaded named",
       cell: (row) => shaded(mean(row.scores[i]), row.scores[i].length, score),
       csv: (row) => mean(row.scores[i]) ?? "",
     })),
