@@ -72,6 +72,9 @@ class Python:
         if piped:
             os.mkfifo(self._out)
             os.mkfifo(self._err)
+        else:
+            self._out.touch(mode=0o600)  # they can be read before it has begun
+            self._err.touch(mode=0o600)
         self.returncode: int | None = None
         self.pid = _server().ask(
             "start",

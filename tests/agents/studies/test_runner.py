@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -19,8 +17,8 @@ from dohyo.agents.studies.runner import DIED, NOTHING, run
 from dohyo.agents.studies.trained import TrainedOptions
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from tests.forked import Python
 
-ROOT = Path(__file__).parents[3]
 CELLS = cells_of([Block(("a", "b"), (0, 1), [Place("town", f"m{i}", 7) for i in range(3)])])
 SLOW = """
 import sys, time
@@ -214,12 +212,9 @@ def test_the_job_beside_an_error_of_the_input_keeps_its_rows(tmp_path):
 
 def test_rows_of_a_killed_process_stay_and_the_same_call_adds_the_missing_ones(tmp_path):
     path = tmp_path / "rows.jsonl"
-    going = subprocess.Popen([sys.executable, "-c", SLOW, str(path)], cwd=ROOT, stderr=subprocess.PIPE)
-    while not path.exists() or len(path.read_text().splitlines()) < 2:
-        assert going.poll() is None, going.communicate()
-        time.sleep(0.05)
-    going.send_signal(signal.SIGKILL)
-    going.communicate()
+    going = Python(SLOW, str(path))
+    going.wait_for(lambda: path.exists() and len(path.read_text().splitlines()) >= 2)
+    going.end(signal.SIGKILL)
     before = read_rows(path)
     assert 2 <= len(before) < len(CELLS)
     with path.open("a") as file:

@@ -6,9 +6,7 @@ import errno
 import os
 import re
 import shutil
-import subprocess
-import sys
-import time
+import signal
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,8 +25,8 @@ from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import compare_parking, summarise_parking
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+from tests.forked import Python
 
-ROOT = Path(__file__).parents[3]
 HERE = "tests.evaluation.parking.parkers"
 SEEDS = range(HELD_OUT_FROM, HELD_OUT_FROM + 6)
 
@@ -151,14 +149,11 @@ MANY = range(HELD_OUT_FROM, HELD_OUT_FROM + 30)
 
 def test_kill_nine_loses_no_lot_that_was_kept(tmp_path):
     out, simple = tmp_path / "killed", load_parking_benchmark("parking-simple")
-    process = subprocess.Popen([sys.executable, "-c", KILLED, str(out)], cwd=ROOT)
-    while len(list(out.glob(f"driven/*/{RECORDS}"))) < 2:
-        assert process.poll() is None
-        time.sleep(0.01)
+    process = Python(KILLED, str(out))
+    process.wait_for(lambda: len(list(out.glob(f"driven/*/{RECORDS}"))) >= 2)
     with pytest.raises(InvalidInputError, match="in use by another process"):
         evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, out)
-    process.kill()
-    process.wait()
+    process.end(signal.SIGKILL)
     assert not (out / RECORDS).exists()
     with pytest.raises(InvalidInputError, match="or another agent"):
         evaluate_parking(simple, f"{HERE}:Greedy", {}, "local", MANY, out)

@@ -3,8 +3,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +17,7 @@ from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import content_hash
 from tests.evaluation.builders import AGENT, drive, ego, episode, infraction, lost
+from tests.forked import Python
 
 OUTSIDE_THE_HASH = ("record_hash", "timing", "parquet_sha256")
 
@@ -125,8 +124,8 @@ def test_a_killed_process_leaves_a_whole_record_or_none(call: int, tmp_path: Pat
             setattr(os, name, counted(getattr(os, name)))
         write_record(Path({str(tmp_path)!r}), "one", record, trajectory)
         """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=False)
-    assert done.returncode == -signal.SIGKILL
+    process = Python(textwrap.dedent(code))
+    assert process.end() == -signal.SIGKILL, process.errors()
     records = read_records(tmp_path)
     assert len(records) <= 1
     for record in records:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from filelock import FileLock
 
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.forked import Python
 
 HOLDS = "import sys, time; from pathlib import Path; from dohyo.evaluation.running.lock import held\n"
 HOLDS += "with held(Path(sys.argv[1])):\n"
@@ -26,15 +26,14 @@ def test_a_folder_is_made_and_free_again_after_the_block(tmp_path: Path) -> None
 
 
 def test_another_process_is_kept_out_until_the_first_is_killed(tmp_path: Path) -> None:
-    with subprocess.Popen([sys.executable, "-c", HOLDS, str(tmp_path)], stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        with (
-            pytest.raises(InvalidInputError, match=r"study '.*' is in use by another process: wait until it ends"),
-            held(tmp_path, "study"),
-        ):
-            pytest.fail("both hold it")
-        other.kill()
+    other = Python(HOLDS, str(tmp_path))
+    other.wait_for(lambda: other.output() == "held\n")
+    with (
+        pytest.raises(InvalidInputError, match=r"study '.*' is in use by another process: wait until it ends"),
+        held(tmp_path, "study"),
+    ):
+        pytest.fail("both hold it")
+    other.end(signal.SIGKILL)
     with held(tmp_path):
         pass
 

@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -24,8 +23,8 @@ from dohyo.evaluation.running.manifest import part_of_record
 from dohyo.evaluation.running.run import Result, read_result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
+from tests.forked import Python, dohyo
 
-ROOT = Path(__file__).parents[3]
 STEADY = "tests.evaluation.agents:Steady"
 
 
@@ -222,22 +221,13 @@ goal = { lane = "737320747#4_2", position_m = 40.0 }
 SLOW = "tests.evaluation.agents:Slow"
 
 
-def command(benchmark: Path, out: Path) -> list[str]:
-    evaluate = ["evaluate", "--agent", SLOW, "--benchmark", str(benchmark), "--json"]
-    program = "from dohyo.service.cli import main; main()"
-    return [sys.executable, "-c", program, *evaluate, "--workers", "2", "--out", str(out)]
+def evaluating(benchmark: Path, out: Path) -> Python:
+    arguments = ["--agent", SLOW, "--benchmark", str(benchmark), "--json", "--workers", "2", "--out", str(out)]
+    return dohyo("evaluate", *arguments)
 
 
 def finished(out: Path) -> set[str]:
     return {path.name for path in (out / "records").glob("*.json")} if out.exists() else set()
-
-
-def wait_for_records(out: Path, count: int, process: subprocess.Popen[bytes]) -> None:
-    patience = time.monotonic() + 120
-    while len(finished(out)) < count:
-        assert process.poll() is None, "the evaluation ended before it could be killed"
-        assert time.monotonic() < patience, "no record appeared"
-        time.sleep(0.05)
 
 
 def workers_of(pid: int) -> list[int]:
@@ -255,14 +245,13 @@ def test_kill_nine_of_a_worker_and_of_the_command_lose_nothing(tmp_path: Path) -
     short, out = tmp_path / "short.toml", tmp_path / "killed"
     short.write_text(SHORT)
     undisturbed = run_benchmark(str(short), SLOW, out=tmp_path / "undisturbed")
-    process = subprocess.Popen(command(short, out), cwd=ROOT, stdout=subprocess.DEVNULL)
-    wait_for_records(out, 1, process)
+    process = evaluating(short, out)
+    process.wait_for(lambda: len(finished(out)) >= 1)
     os.kill(workers_of(process.pid)[0], signal.SIGKILL)
-    wait_for_records(out, 3, process)
+    process.wait_for(lambda: len(finished(out)) >= 3)
     workers = workers_of(process.pid)
     assert len(workers) == 2
-    process.kill()
-    process.wait()
+    process.end(signal.SIGKILL)
     before = finished(out)
     assert len(before) < 6, "it finished before the kill; the test shows nothing"
     patience = time.monotonic() + 120

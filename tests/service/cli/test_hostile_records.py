@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Scenario, Traffic, content_hash
 from tests.evaluation.builders import drive, ego, episode
+from tests.forked import MAIN, Python
 
 ROOT = Path(__file__).parents[3]
 AUTOPILOT = "dohyo.agents.experts.autopilot:Autopilot"
@@ -43,12 +42,12 @@ def info(entry: str, **fields: Any) -> AgentInfo:
     return AgentInfo(entry=entry, **given)
 
 
-def dohyo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "import sys; sys.path.remove(''); from dohyo.service.cli import main; main()"]
+def dohyo(*arguments: str, cwd: Path) -> Python:
+    """A command that has ended; its modules are not those of its working directory, as an installed one's."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [*command, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120, env=environment, check=False
-    )
+    process = Python(f"import sys; sys.path.remove(''); {MAIN}", *arguments, cwd=cwd, env=environment)
+    process.end()
+    return process
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
@@ -59,8 +58,8 @@ def test_a_record_runs_no_program(command: tuple[str, ...], tmp_path: Path) -> N
     record = write_record(tmp_path, "one", record_of(agent), drive())
     result = dohyo(command[0], str(record), *command[1:], cwd=tmp_path)
     assert result.returncode == 2
-    assert "no installed package registers 'subprocess:Popen'" in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert "no installed package registers 'subprocess:Popen'" in result.errors()
+    assert len(result.errors().strip().splitlines()) == 1
     assert not marker.exists()
 
 

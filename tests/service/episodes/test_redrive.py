@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-import subprocess
-import sys
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from dohyo.service.episodes.explanations import Trace, explanation_at
 from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Traffic
+from tests.forked import Python
 from tests.service.policies import models
 from tests.service.served import wait_until
 from tests.service.shop import Shop
@@ -168,12 +168,10 @@ def test_a_redrive_ends_with_its_parent(tmp_path: Path, driven: Driven) -> None:
         runner._use = lambda group: (print(group, flush=True), (1, 0))[1]
         runner.run("redrive", {"record": str(record)}, LIMITS, reads=[record])
     """
-    parent = subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
-    child = int(parent.stdout.readline())
-    parent.kill()
-    parent.wait()
-    parent.stdout.close()
+    parent = Python(program, str(path))
+    parent.wait_for(lambda: parent.output().endswith("\n"))
+    child = int(parent.output())
+    parent.end(signal.SIGKILL)
     wait_until(lambda: not Path(f"/proc/{child}").exists(), "the confined process outlives its parent")
     assert not (tmp_path / "explanations.jsonl.gz").exists()
 
