@@ -1,6 +1,7 @@
 /** Cross-play of a benchmark: a matrix of the agents that met in mixed runs. */
 
 import { get } from "./api.js";
+import { command } from "./command.js";
 import { h } from "./dom.js";
 import { agentName, estimateCells, scale, whisker } from "./estimate.js";
 import { interval, number } from "./format.js";
@@ -48,7 +49,7 @@ async function matrix(document, path) {
       const name = `with ${other.agent} v${other.version}`;
       return {
         title: name,
-        css: "shaded",
+        css: "shaded named",
         cell: (row) => cell(find(row), row.submission === other.submission, score),
         sort: (row) => find(row)?.score.mean ?? -1,
         csv: (row) => ({ [name]: find(row)?.score.mean, [`${name} drives`]: find(row)?.drives ?? 0 }),
@@ -96,10 +97,6 @@ function empty(benchmark, egos, others) {
   return [
     h("h2", {}, "Cross-play"),
     h("p", {}, `${why} This command drives one, in which two submitted agents meet:`),
-    h(
-      "div",
-      { class: "example" },
-      h("pre", { class: "command", tabindex: 0 }, h("code", {}, `dohyo evaluations start AGENT ${benchmark} --ego ${egos[0]}=OTHER --watch`)),
-    ),
+    command(`dohyo evaluations start AGENT ${benchmark} --ego ${egos[0]}=OTHER --watch`),
   ];
 }

@@ -1,7 +1,6 @@
 /** Commands for a shell that make a world, and that join one. */
 
-import { h } from "../dom.js";
-import { copyText } from "../table.js";
+import { command } from "../command.js";
 
 /** The command that makes a world of two egos or more. */
 export const madeBy = () =>
@@ -12,13 +11,3 @@ export const madeBy = () =>
 /** The command with which a worker joins a world as the driver of an ego; two workers of one name would share a place. */
 export const joinedBy = (world, ego) =>
   command(`python examples/world_worker.py ${location.origin} $TOKEN ${world.id} ${ego}-driver ${ego} 8.0`);
-
-function command(text) {
-  const button = h("button", { type: "button", class: "copy" }, "copy");
-  button.addEventListener("click", async () => {
-    await copyText(text);
-    button.textContent = "copied";
-    setTimeout(() => (button.textContent = "copy"), 1500);
-  });
-  return h("div", { class: "example" }, button, h("pre", { class: "command", tabindex: 0 }, h("code", {}, text)));
-}

@@ -1,6 +1,7 @@
 /** All challenges, with the state of their phases; organisers make new ones here. */
 
 import { get, getAll, page, send } from "../api.js";
+import { command } from "../command.js";
 import { byId, fill, h } from "../dom.js";
 import { field, form, input } from "../forms.js";
 import { countdown, nextMoment, stateOf } from "../phases.js";
@@ -23,7 +24,7 @@ page(async () => {
           { class: "state" },
           h("h2", {}, "No challenge yet"),
           h("p", {}, "An organiser makes the first one. A token of role organiser is made with:"),
-          h("pre", { class: "command" }, h("code", {}, "dohyo tokens create --owner NAME --role organiser")),
+          command("dohyo tokens create --owner NAME --role organiser"),
         ),
     ["organiser", "admin"].includes(me?.role) && making(),
   );

@@ -6,7 +6,7 @@ import { agentName } from "../estimate.js";
 import { bar, standing } from "../evaluation.js";
 import { moment, short } from "../format.js";
 import { agentsOf, driversOf, isMixed } from "../mixed.js";
-import { startCommand } from "../start.js";
+import { startCommand, startText } from "../start.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 
@@ -24,7 +24,7 @@ page(async () => {
         "section",
         { class: "state" },
         h("h2", {}, "No evaluation yet"),
-        h("p", {}, "These commands submit the built-in autopilot and evaluate it:"),
+        h("p", {}, startText("driving", "a few drives")),
         startCommand("quickstart"),
       ),
     );

@@ -4,18 +4,20 @@ import { get, page } from "../api.js";
 import { columnsOf, kindsOn, partText, readBoard, versionText } from "../board.js";
 import { crossPlay } from "../cross_play.js";
 import { byId, fill, h, mark } from "../dom.js";
+import { FAMILIES } from "../families.js";
 import { short } from "../format.js";
-import { firstAgent, startCommand } from "../start.js";
+import { startCommand, startText } from "../start.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
 import { label, words } from "../words.js";
 
+const FIRST = "quickstart"; // the smallest benchmark of drives
 const TRACKS = ["", "sensors", "map", "privileged"];
 
 page(async () => {
   const query = new URLSearchParams(location.search);
   const benchmarks = await get("/v1/benchmarks");
-  const name = query.get("benchmark") ?? (await firstDriven(benchmarks)) ?? "quickstart";
+  const name = query.get("benchmark") ?? (await firstDriven(benchmarks)) ?? FIRST;
   const asked = new URLSearchParams({ benchmark: name });
   for (const key of ["version", "track"]) if (query.get(key)) asked.set(key, query.get(key));
   const board = await readBoard(asked);
@@ -37,7 +39,7 @@ page(async () => {
           h("div", { class: "panel wide" }, table(columns, rows, { name: "board", caption: `Leaderboard of ${name}` })),
           notes(board, rows, asked),
         ]
-      : empty(name, benchmark?.kind, query.get("track")),
+      : empty(name, benchmarks, query.get("track")),
     benchmark?.egos.length > 0 && (await crossPlay(name, benchmark.egos, board.version)),
   );
 });
@@ -45,7 +47,7 @@ page(async () => {
 /** The benchmark of a finished evaluation, else quickstart. */
 async function firstDriven(benchmarks) {
   const done = await get("/v1/evaluations?status=done&limit=1").catch(() => null);
-  return done?.items[0]?.benchmark ?? benchmarks.find((one) => one.name === "quickstart")?.name;
+  return done?.items[0]?.benchmark ?? benchmarks.find((one) => one.name === FIRST)?.name;
 }
 
 function filters(benchmarks, versions, name, query, copy) {
@@ -136,22 +138,46 @@ function notes(board, rows, asked) {
   );
 }
 
-function empty(name, kind, track) {
+/** An empty board: how to fill it, and in how many drives. */
+function empty(name, benchmarks, track) {
+  const find = (wanted) => benchmarks.find((one) => one.name === wanted);
+  const [benchmark, first] = [find(name), find(FIRST)];
+  const family = benchmark?.kind ?? "driving";
   return h(
     "section",
     { class: "state" },
     h("h2", {}, track ? `No agent on the ${track} track yet` : `No finished evaluation of ${name} yet`),
-    h("p", {}, `These commands evaluate the built-in agent ${firstAgent(kind)}, which takes a few minutes:`),
-    startCommand(name, kind),
+    h("p", {}, startText(family, benchmark ? drivesOf(benchmark) : FAMILIES[family].many)),
+    startCommand(name, family),
+    family === "driving" &&
+      first &&
+      name !== FIRST &&
+      h("p", {}, "For a first try, ", h("a", { href: `/?benchmark=${FIRST}` }, FIRST), ` has ${drivesOf(first)}.`),
     h(
       "p",
       { class: "quiet" },
       h("code", {}, "TOKEN"),
-      " was printed when the service first started. Running evaluations are listed under ",
+      ": yours, from ",
+      h("code", {}, "dohyo tokens create"),
+      " or the organiser. Running evaluations are listed under ",
       h("a", { href: "/evaluations" }, "evaluations"),
       "; the HTTP interface is explained under ",
       h("a", { href: "/api" }, "API"),
       ".",
     ),
   );
+}
+
+/** What a run consists of, such as "18 drives (6 scenarios, 3 seeds)". */
+function drivesOf({ kind, scenarios, seeds, egos }) {
+  const { one, many, scenario } = FAMILIES[kind];
+  const counted = (number, single, several) => `${number.toLocaleString("en")} ${number === 1 ? single : several}`;
+  const factors = [
+    [scenarios, scenario],
+    [seeds.length, "seed"],
+    [kind === "driving" ? egos.length || 1 : 1, "ego"], // each ego's part of an episode is a drive
+  ];
+  const total = counted(factors.reduce((product, [number]) => product * number, 1), one, many);
+  const told = factors.filter(([number]) => number > 1).map(([number, name]) => counted(number, name, `${name}s`));
+  return told.length > 1 ? `${total} (${told.join(", ")})` : total;
 }
