@@ -59,11 +59,13 @@ export function estimateCells(name, estimate) {
   };
 }
 
+const LONG = 16; // letters of a name beyond which it breaks anywhere, since it would widen its table
+
 /** An agent's name with the colour it has on every page. */
 export function agentName(name, colour, href = `/agents/${encodeURIComponent(name)}`) {
   return h(
     "span",
-    { class: "agent", style: { "--agent": colour ?? "var(--quiet)" } },
+    { class: name.length > LONG ? "agent long" : "agent", style: { "--agent": colour ?? "var(--quiet)" } },
     h("span", { class: "dot-agent", "aria-hidden": "true" }),
     href ? h("a", { href }, name) : name,
   );

@@ -60,7 +60,7 @@ async function showTokens(me, fresh = null) {
 
 function agentPart(agents) {
   const columns = [
-    { title: "agent", cell: (row) => h("a", { href: `/agents/${encodeURIComponent(row.name)}` }, row.name), csv: (row) => row.name },
+    { title: "agent", css: "named", cell: (row) => h("a", { href: `/agents/${encodeURIComponent(row.name)}` }, row.name), csv: (row) => row.name },
     { title: "version", numeric: true, cell: (row) => row.version ?? "—", csv: (row) => row.version ?? "" },
     { title: "kind", choice: true, cell: (row) => row.kind ?? "—", csv: (row) => row.kind ?? "" },
     { title: "track", choice: true, cell: (row) => row.track ?? "—", csv: (row) => row.track ?? "" },

@@ -181,6 +181,7 @@ function history(evaluations, name) {
     },
     evaluations.some(isMixed) && {
       title: "agents of a mixed run",
+      css: "named",
       cell: (row) => (isMixed(row) ? agentsOf(row).join(", ") : missing("one agent drove all egos")),
       csv: (row) => (isMixed(row) ? agentsOf(row).join(" ") : ""),
     },

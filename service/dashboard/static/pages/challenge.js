@@ -247,7 +247,7 @@ function showRuns(place, challenge, runs, cancel) {
   if (!runs.length) return fill(place, h("p", { class: "note" }, "No run yet."));
   const phaseOf = (run) => challenge.phases.find((one) => one.id === run.ranking)?.name;
   const columns = [
-    { title: "run", cell: (run) => h("a", { href: `/evaluations/${encodeURIComponent(run.id)}` }, `${run.agent} v${run.version}`), csv: (run) => `${run.agent} v${run.version}` },
+    { title: "run", css: "named", cell: (run) => h("a", { href: `/evaluations/${encodeURIComponent(run.id)}` }, `${run.agent} v${run.version}`), csv: (run) => `${run.agent} v${run.version}` },
     { title: "kind", choice: true, cell: (run) => (run.ranking ? `ranked, ${phaseOf(run)}` : "practice"), csv: (run) => (run.ranking ? `ranked, ${phaseOf(run)}` : "practice") },
     { title: "status", choice: true, cell: (run) => standing(run.status), csv: (run) => run.status },
     {
