@@ -75,6 +75,14 @@ def test_the_league_shows_who_leads_each_discipline_and_what_the_sources_say(vis
     assert three.locator("th b").count() == 0  # significantly behind
 
 
+def test_the_league_warns_of_few_drives_and_gives_a_reason_for_each_missing_number(visit: Visitor) -> None:
+    page = visit().go("/league")
+    expect(page.locator("main")).to_contain_text("With few drives this includes entrants that drive clearly worse")
+    assert page.locator("section[id] tbody td:empty").count() == 0
+    reasons = page.locator("section[id] tbody .missing").evaluate_all("found => found.map((one) => one.title)")
+    assert {"its source reports no such number", "not measured in this discipline"} <= set(reasons)
+
+
 def test_an_empty_leaderboard_says_the_command_that_fills_it(visit: Visitor, site: Site) -> None:
     site.fake.empty = True
     page = visit().go("/")
@@ -310,6 +318,27 @@ def test_text_and_marks_have_the_contrast_of_wcag_aa(visit: Visitor, scheme: str
     assert contrast(light["on-accent"], light["accent"]) >= 4.5
     for actor in ("actor", "person", "accent"):
         assert contrast(light[actor], light["lane"]) >= 3.0, actor
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_in_the_most_shaded_cell_has_the_contrast_of_wcag_aa(visit: Visitor, scheme: str) -> None:
+    page = visit(color_scheme=scheme).go("/agents/reckless")
+    ground, *texts = page.locator(".cell").first.evaluate(
+        """cell => {
+          cell.style.setProperty("--share", 0.35);
+          const context = document.createElement("canvas").getContext("2d");
+          const painted = (...colours) => {
+            for (const colour of colours) { context.fillStyle = colour; context.fillRect(0, 0, 1, 1); }
+            const parts = [...context.getImageData(0, 0, 1, 1).data.slice(0, 3)];
+            return "#" + parts.map((one) => one.toString(16).padStart(2, "0")).join("");
+          };
+          const style = (one) => getComputedStyle(one);
+          const ground = painted(style(cell.closest(".panel")).backgroundColor, style(cell).backgroundColor);
+          return [ground, ...[...cell.querySelectorAll(".cell-name, .quiet")].map((one) => painted(style(one).color))];
+        }"""
+    )
+    assert len(texts) == 2
+    assert all(contrast(luminance(text), luminance(ground)) >= 4.5 for text in texts)
 
 
 def luminance(colour: str) -> float:

@@ -2,7 +2,7 @@
 
 import { get, page } from "../api.js";
 import { byId, fill, h } from "../dom.js";
-import { estimateCells, scale, whisker } from "../estimate.js";
+import { estimateCells, missing, scale, whisker } from "../estimate.js";
 import { FAMILIES } from "../families.js";
 import { interval, number } from "../format.js";
 import { colours } from "../subject.js";
@@ -40,6 +40,7 @@ page(async () => {
       "p",
       {},
       `${told} In bold stands who leads a discipline, and who is not significantly behind. `,
+      "With few drives this includes entrants that drive clearly worse, so read the numbers, too. ",
       "Numbers of the sources were measured in other simulators: to be seen, not to be compared.",
     ),
     h("div", { class: "panel wide" }, table(LEADERS, driven, { name: "leaders", caption: "Who leads where" })),
@@ -94,8 +95,8 @@ function section(discipline, colour) {
     })),
     { title: "better than", css: "plain small", cell: (place) => place.better_than.join(", ") || "nobody", csv: (place) => ({ better_than: place.better_than.length }) },
     { title: FAMILIES[discipline.family].many, numeric: true, cell: (place) => counted(place), csv: (place) => ({ counted: place.counted }) },
-    { title: "decision", unit: "ms", numeric: true, cell: (place) => (place.decision_ms === null ? "" : number(place.decision_ms)), csv: (place) => ({ decision_ms: place.decision_ms }) },
-    { title: "its source says", css: "plain small quiet", cell: (place) => place.reported ?? "", csv: (place) => ({ reported: place.reported ?? "" }) },
+    { title: "decision", unit: "ms", numeric: true, cell: (place) => (place.decision_ms === null ? missing("not measured in this discipline") : number(place.decision_ms)), csv: (place) => ({ decision_ms: place.decision_ms }) },
+    { title: "its source says", css: "plain small quiet", cell: (place) => place.reported ?? missing("its source reports no such number"), csv: (place) => ({ reported: place.reported ?? "" }) },
   ];
   return h(
     "section",
@@ -113,7 +114,7 @@ function axis(discipline, headline) {
 }
 
 function told(estimate) {
-  if (!estimate || estimate.mean === null) return "";
+  if (!estimate || estimate.mean === null) return missing("none counts");
   return [h("b", { class: "number" }, number(estimate.mean)), h("div", { class: "quiet number" }, interval(estimate))];
 }
 

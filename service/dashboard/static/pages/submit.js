@@ -25,7 +25,7 @@ page(async () => {
 });
 
 function submission(mine, controls, challenge) {
-  const kind = select([["onnx", "ONNX policy: a file that the service runs"], ["remote", "remote: your own worker drives"], ["builtin", "built-in agent of this service"]]);
+  const kind = select([["onnx", "ONNX policy, run by the service"], ["remote", "remote: your own worker drives"], ["builtin", "built-in agent of this service"]]);
   const agent = select([[NEW, "a new agent"], ...mine.map((one) => [one.name, `${one.name} (v${one.version ?? 0})`])]);
   const named = field("Name", "name", input("text", { maxlength: 100, pattern: "[A-Za-z0-9][A-Za-z0-9._\\-]*" }), "Letters, digits, dots, hyphens and underscores. No other owner can use it afterwards.");
   const file = field("File", "file", input("file", { accept: ".onnx" }), "One .onnx file without external data. It is checked, tried for two decisions, and runs without network and files.");
