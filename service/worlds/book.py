@@ -89,7 +89,7 @@ class WorldBook:
             now = time.monotonic()
             for world in list(self._live.values()):
                 world.sweep()
-                if world.begun and now - world.heard > self._settings.world_idle_s and not world.ending:
+                if world.simulation.begun and now - world.heard > self._settings.world_idle_s and not world.ending:
                     self.end_later(world, f"no request came for {self._settings.world_idle_s:g} s")
             for identifier in [one for one, since in self._over.items() if now - since > FORGET_S]:
                 del self._over[identifier]
@@ -137,7 +137,7 @@ class WorldBook:
             return before
         task = self._tasks[identifier] = asyncio.create_task(self._run(world, process))
         try:
-            await world.shown()
+            await world.simulation.wait()
         except BusyError:
             task.cancel()
             await asyncio.wait([task])
@@ -205,11 +205,12 @@ class WorldBook:
         finally:
             await asyncio.shield(process.close())
         if outcome.end is End.FINISHED:
-            world.tick, world.time_s, _ = SHOWN.unpack(outcome.last)
-            world.status, reason = (WorldStatus.ENDED, world.ending) if world.ending else (WorldStatus.DONE, None)
+            world.simulation.tick, world.simulation.time_s, _ = SHOWN.unpack(outcome.last)
+            status, reason = (WorldStatus.ENDED, world.ending) if world.ending else (WorldStatus.DONE, None)
         else:
-            world.status, reason = WorldStatus.FAILED, outcome.text[:2000]
+            status, reason = WorldStatus.FAILED, outcome.text[:2000]
             logger.warning("world %s failed: %s", world.id, reason)
+        world.lockstep.status = status
         try:
             await asyncio.to_thread(self._store, world, reason)
         except Exception:  # the next start of the service says that it failed
@@ -222,13 +223,14 @@ class WorldBook:
 
     def _store(self, world: LiveWorld, reason: str | None) -> None:
         record: tuple[str, int] | None = None
-        if world.order.directory is not None and world.status is not WorldStatus.FAILED:
+        clock, simulation, status = world.lockstep.clock, world.simulation, world.lockstep.status
+        if world.order.directory is not None and status is not WorldStatus.FAILED:
             path = record_path(self._settings, world.id)
             record = read_record(path).record_hash, record_size(path)
-        clock, pace = world.clock, {"pace": world.clock.pace, "speed": world.clock.speed}
-        told: dict[str, object] = {"seed": world.seed, "resets": world.resets, "overruns": clock.overruns, **pace}
+        run = {"seed": simulation.seed, "resets": simulation.resets}
+        told = run | {"overruns": clock.overruns, "pace": clock.pace, "speed": clock.speed}
         with self._database.session() as session:
-            queries.finish_world(session, world.id, world.status, reason, world.tick, record)
+            queries.finish_world(session, world.id, status, reason, simulation.tick, record)
             row = session.get_one(World, world.id)
             row.order = row.order | told
 

@@ -70,14 +70,14 @@ async def get_world(identifier: Identifier, caller: Holder, services: ServicesOf
 @router.post("/worlds/{identifier}/resume", responses=problems(403, 404, 409, 413))
 async def resume_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> WorldView:
     """Lets a world tick, also before every ego has a driver."""
-    (await live_world(services, caller, identifier)).resume()
+    (await live_world(services, caller, identifier)).lockstep.resume()
     return await _view(services, caller, identifier)
 
 
 @router.post("/worlds/{identifier}/pause", responses=problems(403, 404, 409, 413))
 async def pause_world(identifier: Identifier, caller: Submitter, services: ServicesOf) -> WorldView:
     """Lets a world stand still after its present tick. Nobody is late meanwhile."""
-    (await live_world(services, caller, identifier)).pause()
+    (await live_world(services, caller, identifier)).lockstep.pause()
     return await _view(services, caller, identifier)
 
 
@@ -93,7 +93,7 @@ async def step_world(
 
     A request without an Idempotency-Key that is sent twice lets it go on twice as far; with one, only once.
     """
-    (await live_world(services, caller, identifier)).allow(order.ticks, idempotency_key)
+    (await live_world(services, caller, identifier)).lockstep.allow(order.ticks, idempotency_key)
     return await _view(services, caller, identifier)
 
 
@@ -102,7 +102,7 @@ async def change_world_pace(
     identifier: Identifier, order: PaceRequest, caller: Submitter, services: ServicesOf
 ) -> WorldView:
     """Changes the pace of a world while it runs: lockstep, or the wall clock at any speed."""
-    (await live_world(services, caller, identifier)).change_pace(order.pace, order.speed)
+    (await live_world(services, caller, identifier)).lockstep.change_pace(order.pace, order.speed)
     return await _view(services, caller, identifier)
 
 

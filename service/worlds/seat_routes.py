@@ -92,15 +92,15 @@ async def join_world(
     seat = Seat(_spec(order), egos, caller.owner, caller.token_id or "", order.coupled)
     await world.join(seat)
     services.worlds.add_seat(world, seat)
-    reply, answered = world.reply_to(seat), formats_of(headers_of(request.scope))[1]
+    reply, answered = world.steps.reply_to(seat), formats_of(headers_of(request.scope))[1]
     given = Seated(
         seat=seat.id,
         token=seat.token,
         world=world.id,
         dt_s=TICK_S,
-        deadline_ms=round(world.deadline_s * 1000),
+        deadline_ms=round(world.lockstep.deadline_s * 1000),
         missions=_told(world, seat),
-        seed=world.seed,
+        seed=world.simulation.seed,
         tick=seat.tick,
         observations=reply.observations,
         actors=reply.actors,
@@ -119,9 +119,9 @@ async def get_seat(seat: SeatId, request: Request, services: ServicesOf) -> Resp
     headers = headers_of(request.scope)
     try:
         world, place = services.worlds.seat_of(seat, bearer_of(headers))
-        await world.shown()
+        await world.simulation.wait()
         place.refuse_ended()
-        reply = world.reply_to(place)
+        reply = world.steps.reply_to(place)
     except (ServiceError, InvalidInputError) as error:
         return problem_of(error)
     answered = formats_of(headers)[1]
@@ -145,7 +145,7 @@ async def step_seat(seat: SeatId, request: Request, services: ServicesOf) -> Res
         world, place = services.worlds.seat_of(seat, bearer_of(headers))
         taken, answered = formats_of(headers)
         body = await body_of(headers, request.receive, MOST_BYTES)
-        reply = await world.step(place, decode_as(body, taken, WorldStep, "{tick, actions}"), taken)
+        reply = await world.steps.take(place, decode_as(body, taken, WorldStep, "{tick, actions}"), taken)
     except (ServiceError, InvalidInputError) as error:
         return problem_of(error)
     return Response(await encoded(reply, answered, reply.observations), media_type=answered)

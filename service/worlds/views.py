@@ -89,25 +89,25 @@ def view_world(row: World, live: LiveWorld | None) -> WorldView:
     """A world, with what only a live one knows."""
     order, scenario = row.order, row.order["scenario"]
     drivers = live.seats.drivers if live else {}
-    driving = live.driving if live else ()
+    driving = live.simulation.driving if live else ()
     names = [mission["name"] for mission in scenario["missions"]]
-    tick = live.tick if live else row.tick
+    tick = live.simulation.tick if live else row.tick
     return WorldView(
         id=row.id,
         owner=row.owner,
-        status=live.status if live else row.status,
+        status=live.lockstep.status if live else row.status,
         network=scenario["network"],
         scenario=scenario["name"],
-        seed=live.seed if live else order.get("seed", scenario["seed"]),
+        seed=live.simulation.seed if live else order.get("seed", scenario["seed"]),
         tick=tick,
         time_s=round(tick * TICK_S, 3),
         undriven=order["undriven"],
         deadline_s=order["deadline_s"],
         late=order["late"],
-        pace=live.clock.pace if live else order.get("pace", "lockstep"),
-        speed=live.clock.speed if live else order.get("speed", 1.0),
-        overruns=live.clock.overruns if live else order.get("overruns", 0),
-        resets=live.resets if live else order.get("resets", 0),
+        pace=live.lockstep.clock.pace if live else order.get("pace", "lockstep"),
+        speed=live.lockstep.clock.speed if live else order.get("speed", 1.0),
+        overruns=live.lockstep.clock.overruns if live else order.get("overruns", 0),
+        resets=live.simulation.resets if live else order.get("resets", 0),
         stays=order.get("stays", False),
         actors=len(live.actors) if live else 0,
         egos=[EgoView(name=name, driver=drivers.get(name), driving=name in driving) for name in names],

@@ -27,7 +27,7 @@ from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.evaluations.scoring import summary_of
 from dohyo.service.settings import Settings
-from dohyo.service.worlds.live import world as live
+from dohyo.service.worlds.live import steps
 from tests.evaluation.builders import drive, ego, episode
 from tests.service.harness import Harness, IdleScheduler, finish
 
@@ -53,7 +53,7 @@ def listening(data: Path) -> Iterator[tuple[str, Harness]]:
     """The service behind a real socket, since some requests that are made up exist only there."""
     generous = {"requests_per_minute": 1_000_000, "read_seconds_per_minute": 1e6, "_env_file": None}
     app = create_app(Settings(data=data, **generous), IdleScheduler)  # type: ignore[arg-type]
-    live.STEP_WAIT_S = 0.2  # a step in a world that another request has paused
+    steps.STEP_WAIT_S = 0.2  # a step in a world that another request has paused
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, access_log=False, lifespan="on"))
     thread = threading.Thread(target=server.run)
     thread.start()

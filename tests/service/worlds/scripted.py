@@ -48,7 +48,7 @@ class ScriptedWorld(LiveWorld):
 
     def show(self, tick: int, x_m: float = 0.0) -> None:
         """The process shows a tick, with the present drivers."""
-        self.process.show(tick, self._revision, x_m)
+        self.process.show(tick, self.simulation.revision, x_m)
 
     async def seat(self, seat: Seat, tick: int = 0) -> Seat:
         """Lets a worker join at a tick."""
@@ -78,4 +78,4 @@ def place(name: str, *egos: str, control: str = CONTROL, owner: str = "lab") -> 
 async def step(world: LiveWorld, seat: Seat, tick: int, action: Any = AHEAD, **more: Any) -> WorldReply:
     """A step of a place, in JSON."""
     body = {"tick": tick, "actions": dict.fromkeys(seat.egos, action)} | more
-    return await world.step(seat, msgspec.json.decode(msgspec.json.encode(body), type=WorldStep), Format.JSON)
+    return await world.steps.take(seat, msgspec.json.decode(msgspec.json.encode(body), type=WorldStep), Format.JSON)

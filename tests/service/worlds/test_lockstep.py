@@ -24,7 +24,7 @@ def test_the_process_gets_its_order_before_anything_else() -> None:
         for refused in (world.join(place("sim", "front")), world.reset(None)):
             with pytest.raises(BusyError, match="has not begun yet"):
                 await refused
-        assert (world.kinds(), list(world.seats), world.resets) == ([], [], 0)
+        assert (world.kinds(), list(world.seats), world.simulation.resets) == ([], [], 0)
         world.show(0)
         assert world.kinds() == [Kind.WATCH]
         await world.seat(place("sim", "front"))
@@ -119,14 +119,14 @@ def test_a_reset_forgets_the_ticks_that_a_paused_world_had_left() -> None:
         world = ScriptedWorld()
         world.show(0)
         seat = await world.seat(place("sim", "front"))
-        world.pause()
-        world.allow(10)
+        world.lockstep.pause()
+        world.lockstep.allow(10)
         await after(step(world, seat, 0), world, 1)
         await after(world.reset(None), world, 0)
         waiting = asyncio.create_task(step(world, seat, 0))
         await asyncio.sleep(0)
-        assert (world.status, len(world.decided)) == (WorldStatus.PAUSED, 1)
-        world.allow(1)
+        assert (world.lockstep.status, len(world.decided)) == (WorldStatus.PAUSED, 1)
+        world.lockstep.allow(1)
         world.show(1)
         assert (await waiting).tick == 1
 
@@ -162,7 +162,7 @@ def test_a_world_that_runs_in_real_time_before_spectators_is_not_idle(pace: str)
     async def watch() -> None:
         world = ScriptedWorld(pace=pace)
         world.show(0)
-        world.resume()
+        world.lockstep.resume()
 
         def is_heard() -> bool:
             before = world.heard
@@ -173,7 +173,7 @@ def test_a_world_that_runs_in_real_time_before_spectators_is_not_idle(pace: str)
         spectators = world.audience.events()
         await anext(spectators)
         assert is_heard() == (pace == "realtime")
-        world.pause()
+        world.lockstep.pause()
         assert not is_heard()
         await spectators.aclose()
 
