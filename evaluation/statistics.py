@@ -52,7 +52,8 @@ class Comparison:
     Attributes:
         difference: Mean of a - b, with its interval.
         probability: P(a > b), the share of resamples in which that mean is above 0, and half of those in which it is 0;
-            None with fewer than `FEWEST` pairs, whose resamples are too much alike.
+            None with fewer than `FEWEST` pairs, or where some but fewer than that differ: their resamples are too much
+            alike.
         verdict: ">" or "<" where flipped signs tell the mean from 0 at 5 %, a significant difference; else "=". Fewer
             than `FEWEST` pairs show none, whatever their interval.
     """
@@ -203,7 +204,8 @@ def paired(a: Sequence[float], b: Sequence[float], *, n_resamples: int = N_RESAM
     differences = np.sort(columns[:, 0] - columns[:, 1])
     means = _resampled_sums(differences[:, None], n_resamples, seed)[:, 0] / n
     difference = _estimate(math.fsum(differences) / n, means, n)
-    probability = float(np.mean(means > 0.0) + 0.5 * np.mean(means == 0.0)) if n >= FEWEST else None
+    decides = n >= FEWEST and not 0 < np.count_nonzero(differences) < FEWEST
+    probability = float(np.mean(means > 0.0) + 0.5 * np.mean(means == 0.0)) if decides else None
     return Comparison(difference, probability, _verdict(differences))
 
 

@@ -10,11 +10,11 @@ from typing import Any
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
+from dohyo.evaluation.statistics import paired
 from dohyo.service.boards.leaderboard import Contender, Place
 from dohyo.service.boards.model import Ranking, Result
 from dohyo.service.challenges.model import Team
 from dohyo.service.evaluations.model import Attempt, Episode, Evaluation
-from dohyo.service.evaluations.pairs import compare_pairs
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 
 
@@ -116,4 +116,4 @@ def compare_places(contender: Contender, above: Contender) -> dict[str, Any] | N
     common = contender.common(above)
     if not common.any():
         return None
-    return asdict(compare_pairs(contender.values[common].tolist(), above.values[common].tolist()))
+    return asdict(paired(contender.values[common].tolist(), above.values[common].tolist()))

@@ -32,12 +32,12 @@ from dohyo.evaluation.statistics import (
     Estimate,
     grouped_estimate,
     mean_estimate,
+    paired,
     percent_estimate,
     ratio_estimate,
 )
 from dohyo.evaluation.summary import SHARES, score_drive
 from dohyo.service.episodes.archive import Record
-from dohyo.service.evaluations.pairs import compare_pairs
 
 SCORE_KEYS: Final[Mapping[str, str]] = {
     "driving_score": "ds",
@@ -356,7 +356,7 @@ def compare_drives(name: str, ours: Iterable[Drive], theirs: Iterable[Drive]) ->
     keys = sorted(key for key in a.keys() & b.keys() if math.isfinite(a[key]) and math.isfinite(b[key]))
     episodes = [[*some] for _, some in groupby(keys, lambda key: key[:2])]
     means = [[fmean(side[key] for key in some) for some in episodes] for side in (a, b)]
-    return compare_pairs(*means) if keys else None
+    return paired(*means) if keys else None
 
 
 def _ego(ego: EgoRecord, rules: Rules) -> dict[str, Any]:

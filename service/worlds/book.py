@@ -274,7 +274,8 @@ class WorldBook:
         world, seat = self._seats.get(identifier, (None, None))
         if world is None or seat is None or not secrets.compare_digest(seat.token.encode(), token.encode()):
             raise UnauthorisedError("expected the token of this seat; join the world again")
-        world.heard = time.monotonic()
+        if not seat.ended:
+            world.heard = time.monotonic()
         return world, seat
 
     def token_ids(self) -> set[str]:

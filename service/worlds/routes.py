@@ -180,5 +180,5 @@ def get_world_trajectory(identifier: Identifier, caller: Holder, services: Servi
 
 
 async def _view(services: Services, caller: Caller, identifier: str) -> WorldView:
-    live = services.worlds.find(identifier)
-    return view_world(await find_world(services, caller, identifier), live)
+    row = await find_world(services, caller, identifier)  # first: a stranger's question is no request to the world
+    return view_world(row, services.worlds.find(identifier))

@@ -99,6 +99,8 @@ def test_pairing_sees_what_the_scenarios_spread_hides() -> None:
 
 def test_equals_are_as_likely_better_as_worse() -> None:
     assert paired([1.0] * 8, [1.0] * 8).probability == 0.5
+    assert paired([2.0] * 5 + [1.0] * 95, [1.0] * 100).probability is None, "five of a hundred differ"
+    assert paired([2.0] * 6 + [1.0] * 94, [1.0] * 100).probability is not None
 
 
 def test_groups_of_one_are_independent_values() -> None:

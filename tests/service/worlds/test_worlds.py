@@ -189,8 +189,9 @@ def test_worlds_end_when_nobody_asks_and_when_their_service_ends(tmp_path: Path)
     data = tmp_path / "data"
     with serving(data, before="import os; os.environ['DOHYO_WORLD_IDLE_S'] = '3'") as first:
         before = Client(first)
+        stranger = Client(first, first.ask("POST", "/v1/tokens", {"owner": "stranger", "role": "submitter"})["token"])
         idle = before.world(record=True)
-        listed = listed_until(before, idle, lambda found: found["finished"] is not None)
+        listed = listed_until(before, idle, lambda found: finished_while_asked(stranger, found))
         assert (listed["status"], listed["reason"]) == ("ended", "no request came for 3 s")
         stopped = before.world(record=True)
         before.step(before.seat(stopped, "a", "front", "middle", "back"), 0, **dict.fromkeys(SPEEDS, AHEAD))
@@ -219,6 +220,12 @@ def test_worlds_end_when_nobody_asks_and_when_their_service_ends(tmp_path: Path)
         assert last.send("GET", f"/v1/worlds/{stopped}/trajectory").status_code == 410
         assert last.get(stopped)["record_hash"], "its hash stays"
     assert not list((data / "worlds").glob("*.parquet"))
+
+
+def finished_while_asked(stranger: Client, found: Any) -> bool:
+    """Whether a world has ended, for which a stranger asks in vain at every look."""
+    assert stranger.send("GET", f"/v1/worlds/{found['id']}").status_code == 404
+    return found["finished"] is not None
 
 
 def listed_until(client: Client, world: str, true: Callable[[Any], bool]) -> Any:
