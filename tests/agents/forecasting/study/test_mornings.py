@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from dohyo.agents.forecasting.data.reading import read_data
-from dohyo.agents.forecasting.study import mornings, study
+from dohyo.agents.forecasting.study import mornings, mornings_long, study
 from dohyo.agents.forecasting.study.arms import EQUAL, PHASES
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.study import Results
@@ -44,20 +46,29 @@ def test_every_claim_is_of_arms_and_all_have_equal_updates() -> None:
         assert one.length * (PHASES if one.name == "sa-lstm-n-step" else 1) == PHASES, one
 
 
-def test_the_rows_of_a_run_make_the_tables(folder: Path, tmp_path: Path) -> None:
-    options = mornings.Options(data=folder, steps=1, models=tmp_path)
+@pytest.mark.parametrize(
+    ("kind", "section", "told"),
+    [
+        (mornings, mornings.section, "| SA-LSTM | 4.52 |"),
+        (mornings_long, mornings_long.section, "n-step < recursive at t+3, balanced, 4 x the updates"),
+    ],
+)
+def test_the_rows_of_a_run_make_the_tables(
+    kind: ModuleType, section: Callable[[Results], str], told: str, folder: Path, tmp_path: Path
+) -> None:
+    options = kind.Options(data=folder, steps=1, models=tmp_path)
     rows = []
-    for arm in EQUAL:
-        own = [cell for cell in mornings.STUDY.cells(options) if cell.arm == arm and not cell.training_seed]
+    for arm in options.arms:
+        own = [cell for cell in kind.STUDY.cells(options) if cell.arm == arm and not cell.training_seed]
         measured = study.work(options, own)
         rows += [cell._asdict() | row for cell, row in zip(own, measured, strict=True)]
-    assert {row["benchmark"] for row in rows if row["arm"] == "sa-lstm-quantiles"} == {"easy", "hard"}
     facts = {"seeds": [0], "steps": 1, "training_s": 60.0, "free_kmh": 100.0, "stretches": {}, "windows": {}}
-    text = mornings.section(Results(rows, facts))
-    assert "| SA-LSTM | 4.52 |" in text
+    text = section(Results(rows, facts))
+    assert told in text
     assert MISSING not in text.split("| claim |")[0]
-    assert "(sa-lstm-quantiles-shipped) | row | as calibrated: hold, % | width, km/h | tracked: hold, % |" in text
-    assert mornings.section(Results([], {})) == ""
+    assert section(Results([], {})) == ""
+    if kind is mornings:
+        assert "(sa-lstm-quantiles-shipped) | row | as calibrated: hold, % | width, km/h | tracked: hold, % |" in text
 
 
 def test_what_ships_is_refused_on_another_road(tmp_path: Path) -> None:
