@@ -16,6 +16,7 @@ from dohyo.agents.forecasting.study import mornings
 from dohyo.agents.forecasting.study.arms import EQUAL, Variant
 from dohyo.agents.forecasting.study.mornings import HARD
 from dohyo.agents.forecasting.study.tables import AHEAD, cell, scale, verdicts
+from dohyo.agents.studies.claims import Claim
 from dohyo.agents.studies.crossed_bootstrap import dense_estimate
 from dohyo.agents.studies.study import Results, judging
 from dohyo.evaluation.report.style import markdown
@@ -42,7 +43,7 @@ class Options(mornings.Options):
         return {arm: EQUAL[arm] for arm in LONG.values()}
 
 
-def claims() -> list[mornings.Claim]:
+def claims() -> list[Claim]:
     """Those of `forecasting-mornings` between these arms."""
     arms = set(LONG.values())
     some = [one for one in mornings.claims() if {one.left, one.right} <= arms]
