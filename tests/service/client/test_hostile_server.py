@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -23,6 +22,7 @@ from dohyo.service.client import downloads
 from dohyo.service.client.client import Client
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, drive
+from tests.forked import Python
 from tests.service.cli.test_hostile_records import dohyo, info, record_of
 
 
@@ -96,7 +96,7 @@ def url(hostile: Hostile) -> Iterator[str]:
     server.server_close()
 
 
-def fetch(url: str, tmp_path: Path, *options: str) -> subprocess.CompletedProcess[str]:
+def fetch(url: str, tmp_path: Path, *options: str) -> Python:
     here = tmp_path / "here"
     here.mkdir(exist_ok=True)
     return dohyo("evaluations", "fetch", "ev-1", "--server", url, *options, cwd=here)
@@ -109,14 +109,14 @@ def files(tmp_path: Path) -> set[str]:
 def test_what_was_fetched_runs_nothing(hostile: Hostile, url: str, tmp_path: Path) -> None:
     before = files(tmp_path)
     fetched = fetch(url, tmp_path)
-    assert fetched.returncode == 0, fetched.stderr
+    assert fetched.returncode == 0, fetched.errors()
     new = files(tmp_path) - before
     stem = f"here/out/quickstart/pilot-v1/records/{hostile.episode['scenario']}-s0"
     assert new == {f"{stem}.json", f"{stem}.parquet", "here/out/quickstart/pilot-v1/evaluation.json"}
     record = str(tmp_path / f"{stem}.json")
     for command in (("verify", record), ("explain", record, "--time", "1")):
         result = dohyo(*command, cwd=tmp_path / "here")
-        assert (result.returncode, "no installed package registers" in result.stderr) == (2, True)
+        assert (result.returncode, "no installed package registers" in result.errors()) == (2, True)
     assert not (tmp_path / "ran").exists()
 
 
@@ -131,8 +131,8 @@ def test_names_of_a_server_are_no_paths(
     getattr(hostile, which)[name] = value
     refused = fetch(url, tmp_path)
     assert refused.returncode == 2
-    assert "to be a file name" in refused.stderr
-    assert len(refused.stderr.strip().splitlines()) == 1
+    assert "to be a file name" in refused.errors()
+    assert len(refused.errors().strip().splitlines()) == 1
     assert files(tmp_path) == before
 
 
@@ -171,4 +171,4 @@ def test_a_signature_of_something_else_is_refused(hostile: Hostile, url: str, tm
 def test_a_manifest_of_another_shape_is_refused(hostile: Hostile, url: str, tmp_path: Path) -> None:
     hostile.manifest["benchmark_sha256"] = "0" * 64
     refused = fetch(url, tmp_path)
-    assert (refused.returncode, "manifest" in refused.stderr) == (2, True)
+    assert (refused.returncode, "manifest" in refused.errors()) == (2, True)

@@ -17,7 +17,7 @@ from dohyo.service.boards.queries import entries
 from dohyo.service.episodes.archive import shelve
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import count_missing
-from dohyo.service.evaluations.scoring import summarise_drives
+from dohyo.service.evaluations.scoring import lost_episodes, summarise_drives
 from dohyo.service.scheduling import results
 from dohyo.service.scheduling.queue import NO_SCORE
 from dohyo.service.scheduling.scheduler import Scheduler
@@ -86,7 +86,7 @@ def test_a_gridlocked_episode_is_driven_once_and_its_record_is_kept(
     with shop.database.reading() as session:
         assert count_missing(session, session.get_one(Evaluation, evaluation)) == 0  # nothing to resume
         entry = entries(session, [evaluation])[evaluation]
-    summary = summarise_drives(entry.drives, sum(entry.lost.values()))
+    summary = summarise_drives(entry.drives, lost_episodes(sum(entry.lost.values()), entry.gridlocked))
     assert (summary["drives"], summary["lost"], summary["scores"]["success"]["mean"]) == (1, 1, 100.0)
     assert summary["scores_lost_as_zero"]["success"]["mean"] == 50.0
 
