@@ -36,7 +36,9 @@ def now_figure(forecast: Forecast, grid: Grid, unit: str) -> go.Figure:
         _band(figure, number, times, low / UNITS[unit], high / UNITS[unit])
         _line(figure, number, time_s, grid.speeds[rows, number] / UNITS[unit], "measured", MEASURED)
         _line(figure, number, times, ahead / UNITS[unit], "forecast", FORECAST)
-    caption = f"The next {len(forecast.ahead)} steps after the last row; the band holds 90 % of the past errors."
+    caption = (
+        f"The next {len(forecast.ahead)} steps after the last row; nine of ten speeds lie in the band in the long run."
+    )
     return _finished(figure, "What comes next", caption, unit, len(forecast.segments))
 
 
@@ -83,7 +85,7 @@ def _band(figure: go.Figure, number: int, time_s: FloatArray, low: FloatArray, h
         y=np.concatenate([high, low[::-1]]),
         fill="toself",
         mode="lines",
-        name="90 % of the past errors",
+        name="90 % interval",
         legendgroup="band",
         showlegend=number == 0,
         line={"width": 0},

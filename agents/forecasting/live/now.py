@@ -10,12 +10,12 @@ from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.speed_table import DAY_S
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, make_windows
-from dohyo.agents.forecasting.live.tracking import shifts
+from dohyo.agents.forecasting.live.tracking import LEAST_ERRORS, shifts
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
-LEAST_ERRORS, MOST_WINDOWS = 30, 2000
-"""Fewest past errors for an interval, and the number of the latest windows that give them."""
+MOST_WINDOWS = 2000
+"""Number of the latest windows whose errors give the intervals."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 
 RATE: Final = 0.1
 """Step of a miss, as a share of the largest recent distance; a hit takes a ninth of it back."""
+LEAST_ERRORS: Final = 30
+"""Fewest past errors for an interval."""
 MEMORY: Final = 100
 """Forecasts among which the largest recent distance is."""
 
@@ -35,8 +37,12 @@ def tracked(intervals: Float32Array, windows: Windows) -> Float32Array:
 
 
 def tracked_coverage(ahead: Float32Array, windows: Windows) -> tuple[FloatArray, FloatArray]:
-    """Share of values within tracked intervals around forecasts (B, 3, N), (S, 3), and the mean width, (S, 3), m/s."""
-    return coverage(tracked(np.stack([ahead] * 3, axis=2), windows), windows)
+    """Share of values within tracked intervals around forecasts (B, 3, N), (S, 3), and the mean width, (S, 3), m/s.
+
+    The first forecasts, before which there are too few errors for an interval, do not count.
+    """
+    counted = np.arange(min(LEAST_ERRORS, len(windows)), len(windows))
+    return coverage(tracked(np.stack([ahead] * 3, axis=2), windows)[counted], windows.chosen(counted))
 
 
 def shifts(outside: Float32Array, windows: Windows) -> Float32Array:

@@ -224,8 +224,8 @@ def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence
     print_rows(["segment", "now", *(at[11:16] for at in times)], rows)
     if np.isfinite(low).any():
         console.print(
-            f"in brackets 90 % of the errors of {forecast.windows} past forecasts of this table; too narrow if the "
-            "model was trained on these rows"
+            f"brackets follow the errors of {forecast.windows} past forecasts of this table, and hold 90 % in the long "
+            "run; too narrow if the model was trained on these rows"
         )
     for path in written:
         console.print(f"written: {path.resolve()}", soft_wrap=True)

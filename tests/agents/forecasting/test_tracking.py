@@ -9,7 +9,7 @@ import pytest
 
 from dohyo.agents.forecasting.data.speed_table import Stretch
 from dohyo.agents.forecasting.data.windows import Windows, make_windows
-from dohyo.agents.forecasting.live.tracking import shifts, tracked
+from dohyo.agents.forecasting.live.tracking import LEAST_ERRORS, shifts, tracked, tracked_coverage
 from dohyo.agents.forecasting.quantiles import conformal_quantile
 from dohyo.agents.forecasting.scores import coverage
 from dohyo.sumo_networks.arrays import Float32Array
@@ -68,3 +68,15 @@ def test_ends_stay_on_their_side_of_the_forecast() -> None:
     assert (lower <= middle).all()
     assert (middle <= upper).all()
     assert (upper - lower)[-50:].mean() < 2.0, "too wide at first, and narrow in the end"
+
+
+@pytest.mark.parametrize("minutes", [10 + LEAST_ERRORS, 11 + LEAST_ERRORS, 400])
+def test_coverage_is_of_forecasts_that_have_an_interval(minutes: int) -> None:
+    windows = make_windows([day([1.0] * minutes)], 60.0)
+    inside, width = tracked_coverage(np.full_like(windows.target, 20.0), windows)
+    if len(windows) <= LEAST_ERRORS:
+        assert inside.shape == width.shape == (0, 3)
+    else:
+        assert (width > 0.0).all()
+    if minutes == 400:
+        assert (np.abs(inside - 0.9) < 0.03).all()
