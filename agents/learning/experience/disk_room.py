@@ -36,21 +36,21 @@ def check_disk_room(folder: Path, needed: int, remedy: str) -> None:
         )
 
 
-def reserve(files: Iterable[tuple[Path, int]]) -> None:
-    """Reserves the blocks of the first bytes of files; what they hold is kept. Does nothing where a system cannot.
+def reserve(files: Iterable[tuple[Path, int, int]]) -> None:
+    """Reserves the blocks of a range of files; what they hold is kept. Does nothing where a system cannot.
 
     Args:
-        files: Each with its number of bytes.
+        files: Each with its first byte, and the number of bytes.
 
     Raises:
         OSError: The disk is full.
     """
     if not hasattr(os, "posix_fallocate"):  # macOS
         return
-    for path, count in files:
+    for path, first, count in files:
         with path.open("r+b") as file:
             try:
-                os.posix_fallocate(file.fileno(), 0, count)
+                os.posix_fallocate(file.fileno(), first, count)
             except OSError as error:
                 raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
 

@@ -251,11 +251,9 @@ class Replay:
             # As in TorchRL's LazyMemmapStorage, whose own length and cursor do not fit a ring with links.
             self._use(self._blank.expand(self._size).memmap_like(prefix=str(self._folder), existsok=True))
         if (used := min(self._head + count, self._size)) > self._reserved:
-            self._reserved = min(used + RESERVED, self._size)
-            reserve(
-                (self._folder / f"{name}.memmap", self._reserved * array[0].nbytes)
-                for name, array in self._arrays.items()
-            )
+            first, self._reserved = self._reserved, min(used + RESERVED, self._size)
+            sizes = {self._folder / f"{name}.memmap": array[0].nbytes for name, array in self._arrays.items()}
+            reserve((path, first * size, (self._reserved - first) * size) for path, size in sizes.items())
 
     def _use(self, entries: TensorDictBase) -> None:
         # Plain tensors: those of the memory map look up a dispatcher in every operation.
