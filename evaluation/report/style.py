@@ -21,7 +21,7 @@ OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "
 SANS = "ui-sans-serif, system-ui, sans-serif"
 MISSING = "\N{EM DASH}"
 TOO_FEW = "too few to decide"
-"""In place of a probability of fewer than six pairs; the dashboard has the same words."""
+"""In place of a probability where fewer than six pairs differ; the dashboard has the same words."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ class ComparisonView(View):
         float | None,
         Field(
             description="Share of resamples in which the difference is above 0, and half of those in which it is 0; "
-            "null where fewer than six drives differ."
+            "null below six drives, or where one to five of them differ."
         ),
     ]
     verdict: Annotated[

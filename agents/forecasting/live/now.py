@@ -96,10 +96,10 @@ def latest_steps(grid: Grid, steps: int) -> Float32Array:
 
 
 def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
-    """(3, N) size that 90 % of the errors do not exceed, m/s, and the number of past forecasts that it is of.
+    """(3, N) half widths of the intervals, m/s, and the number of past forecasts whose errors they follow.
 
-    It follows the errors, see `tracking`. NaN where there are too few. Past rows that the forecaster was trained on
-    make it too small.
+    See `tracking`. NaN where there are too few errors. Past rows that the forecaster was trained on
+    make them too small.
     """
     none = np.full((HORIZON, len(grid.names)), np.nan)
     try:

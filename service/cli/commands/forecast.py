@@ -127,7 +127,7 @@ def run(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Forecasts three steps after a table's last row, with intervals by the model's past errors."""
+    """Forecasts three steps after a table's last row, with intervals that follow the model's past errors."""
     from dohyo.agents.forecasting.data.reading import read_latest
     from dohyo.agents.forecasting.figures import now_figure
     from dohyo.agents.forecasting.live.now import forecast_now

@@ -126,5 +126,5 @@ class Simulation:
         self._process.kill(Outcome(End.STOPPED, why))
 
     def release(self) -> None:
-        """Nothing will be shown any more: whoever waits goes on."""
+        """Nothing will be shown any more: calls of `wait` return."""
         self._is_shown.set()
