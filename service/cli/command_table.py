@@ -172,7 +172,7 @@ COMMANDS: dict[str, Command | Group] = {
             ),
             "run": Command(
                 "forecast:run",
-                "Forecasts three steps after a table's last row, with intervals by the model's past errors.",
+                "Forecasts three steps after a table's last row, with intervals that follow the model's past errors.",
             ),
         },
     ),

@@ -70,6 +70,7 @@ def test_a_terminal_wraps_what_is_read_and_not_what_is_copied(
 ) -> None:
     monkeypatch.setattr(console, "_force_terminal", True)
     monkeypatch.setattr(console, "_width", width)
+    monkeypatch.setenv("TERM", "xterm")  # rich takes a dumb one as 80 wide
     row = ("driver-of-the-whole-fleet", "acceleration_steering", "route, objects, lanes and_all_that_is_around_it " * 3)
     with console.capture() as captured:
         print_rows(["name", "control", "sensors"], [row])
