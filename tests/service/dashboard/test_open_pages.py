@@ -389,24 +389,35 @@ def test_another_ego_of_the_address_changes_facts_and_timeline_and_the_choice_ke
     assert one.complaints == []
 
 
+REFUSED = {"title": "Too many requests", "detail": "wait 9 s"}
+
+
 def test_reasons_that_failed_are_not_asked_for_again_until_the_next_jump(visit: Visitor) -> None:
     page = visit().go("/episodes/reckless-right-to-south-s0#t=2")
     page.get_by_role("button", name="show the agent's reasons").click()
     expect(page.locator(".reasons")).to_contain_text("free road")
     asked: list[str] = []
 
+    held: list[Route] = []
+
     def refuse(route: Route) -> None:
         asked.append(route.request.url)
-        route.fulfill(status=429, json={"title": "Too many requests", "detail": "wait 9 s"})
+        if held:
+            route.fulfill(status=429, json=REFUSED)
+        else:
+            held.append(route)
 
     page.route("**/explanation?*", refuse)
     page.keyboard.press("ArrowRight")
-    expect(page.locator(".reasons")).to_contain_text("wait 9 s")
-    page.wait_for_timeout(1500)
+    page.wait_for_timeout(1000)  # a slow answer is waited for
     assert len(asked) == 1
-    page.keyboard.press("ArrowRight")
+    held[0].fulfill(status=429, json=REFUSED)
+    expect(page.locator(".reasons")).to_contain_text("wait 9 s")
+    page.wait_for_timeout(1000)
+    assert len(asked) == 1
+    with page.expect_request("**/explanation?*"):
+        page.keyboard.press("ArrowRight")
     expect(page.locator(".clock")).to_contain_text("2.2 /")
-    page.wait_for_timeout(500)
     assert len(asked) == 2
 
 
@@ -424,7 +435,8 @@ def test_the_map_shows_the_network_that_was_chosen_last(visit: Visitor) -> None:
     one.page.route("**/infractions", two_networks)
     page = one.go("/evaluations/ev-reckless/map")
     page.route("**/v1/networks/b-town/map?*", lambda route: late.append(route))
-    page.get_by_label("network").select_option("b-town")
+    with page.expect_request("**/v1/networks/b-town/map?*"):
+        page.get_by_label("network").select_option("b-town")
     page.get_by_label("network").select_option("a-town")
     page.wait_for_timeout(500)
     late[0].continue_()

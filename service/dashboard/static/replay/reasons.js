@@ -66,7 +66,7 @@ export class Reasons {
     this.known.set(tick, answer.explanations);
   }
 
-  /** Shows the reasons of a moment when they arrive; sends at most one request per PAUSE_MS. */
+  /** Shows the reasons of a moment when they arrive; sends at most one request per PAUSE_MS, and one at a time. */
   _follow(time_s) {
     const tick = this._now(time_s);
     if (Math.abs(tick - this.tick) > STALE_TICKS) [this.view.plan, this.tick] = [null, -1];
@@ -74,14 +74,18 @@ export class Reasons {
       if (tick !== this.tick || this.ego !== this.view.ego.name) this._show(tick);
     } else if (!this.busy && !this.failed) {
       this.busy = true;
-      setTimeout(() => (this.busy = false) || this.player.clock.request(), PAUSE_MS);
-      this._ask(tick).then(
+      const answered = this._ask(tick).then(
         () => this.player.clock.request(),
         (error) => {
           this.failed = true;
           fill(this.place, h("p", { class: "reason" }, error.message));
         },
       );
+      const paused = new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+      Promise.all([answered, paused]).then(() => {
+        this.busy = false;
+        this.player.clock.request();
+      });
     }
   }
 
