@@ -29,7 +29,15 @@ def plain(text: str) -> str:
 
 
 class PlainConsole(Console):
-    """Shows strings as they are: no markup, and no control characters, since records and servers are strangers'."""
+    """Shows strings as they are: no markup, and no control characters, since records and servers are strangers'.
+
+    A line of text stays one line: terminals wrap it, and what is copied or read by a program is whole.
+    """
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """See `Console.print`."""
+        options.setdefault("soft_wrap", all(isinstance(one, str) for one in objects))
+        super().print(*objects, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """See `Console.render_str`."""

@@ -61,8 +61,8 @@ def create(
         print_json({"benchmark": str(path), "version": made.benchmark.sha256[:12]} | as_document(made))
         return
     print_created(made)
-    console.print(f"benchmark: {path.resolve()}", soft_wrap=True)
-    console.print(f"drive it: dohyo evaluate --agent autopilot --benchmark {path}", soft_wrap=True)
+    console.print(f"benchmark: {path.resolve()}")
+    console.print(f"drive it: dohyo evaluate --agent autopilot --benchmark {path}")
 
 
 def notes_of(made: Created) -> dict[str, str]:
@@ -82,24 +82,23 @@ def as_document(made: Created) -> dict[str, object]:
 def print_created(made: Created) -> None:
     """Prints what was drawn, and the routes that make no missions."""
     drawn, benchmark = made.drawing.missions, made.benchmark
-    console.print(f"{benchmark.description}: {benchmark.size} drives per seed", highlight=False, soft_wrap=True)
+    console.print(f"{benchmark.description}: {benchmark.size} drives per seed", highlight=False)
     turns, lights = [one.all_turns for one in drawn], [one.lights for one in drawn]
     console.print(
         f"per mission {min(turns)} to {max(turns)} turns, {min(lights)} to {max(lights)} traffic lights",
         highlight=False,
-        soft_wrap=True,
     )
     for cell in benchmark.cells:
         traffic = f"{cell.traffic.vehicles} vehicles and {cell.traffic.pedestrians} pedestrians"
         where = "" if len(benchmark.cells) == 1 else f"{cell.name}: "
-        console.print(f"{where}{traffic}, {', '.join(cell.conditions)}", highlight=False, soft_wrap=True)
+        console.print(f"{where}{traffic}, {', '.join(cell.conditions)}", highlight=False)
     for level, vehicles in made.reduced.items():
-        console.print(f"{level} traffic is reduced: {vehicles} vehicles jam this network", soft_wrap=True)
+        console.print(f"{level} traffic is reduced: {vehicles} vehicles jam this network")
     if made.reduced:
         network = benchmark.cells[0].network
-        console.print(f"look for the cause: dohyo networks check {network}; import --fix mends lights", soft_wrap=True)
+        console.print(f"look for the cause: dohyo networks check {network}; import --fix mends lights")
     for reason, number in made.drawing.left_out.items():
-        console.print(f"left out: {number} routes, {reason}", highlight=False, soft_wrap=True)
+        console.print(f"left out: {number} routes, {reason}", highlight=False)
 
 
 def parse_length(text: str) -> tuple[float, float]:

@@ -30,7 +30,7 @@ def motion(
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task("motion", total=hours)
         samples = record_motion(order, out, lambda done: progress.update(bar, completed=done))
-    console.print(f"{samples} samples: {out.resolve()}", soft_wrap=True)
+    console.print(f"{samples} samples: {out.resolve()}")
 
 
 def semantic(
@@ -46,7 +46,7 @@ def semantic(
         bar = progress.add_task("semantic", total=1.0)
         order = PictureRequest(images=images, seed=seed)
         pictures = record_pictures(order, out, lambda done: progress.update(bar, completed=done))
-    console.print(f"{pictures} pictures: {out.resolve()}", soft_wrap=True)
+    console.print(f"{pictures} pictures: {out.resolve()}")
 
 
 def affordances(
@@ -62,7 +62,7 @@ def affordances(
         bar = progress.add_task("affordances", total=1.0)
         order = AffordanceRequest(moments=moments, seed=seed)
         there = record_affordances(order, out, lambda done: progress.update(bar, completed=done))
-    console.print(f"{there} moments: {out.resolve()}", soft_wrap=True)
+    console.print(f"{there} moments: {out.resolve()}")
 
 
 def priboot(
@@ -83,7 +83,7 @@ def priboot(
             samples=samples, seed=seed, demonstrator=demonstrator, learner=learner, obstacles=obstacles
         )
         moments = record_moments(order, out, lambda done: progress.update(bar, completed=done))
-    console.print(f"{moments} moments: {out.resolve()}", soft_wrap=True)
+    console.print(f"{moments} moments: {out.resolve()}")
 
 
 def freeway(
@@ -106,4 +106,4 @@ def freeway(
             progress.update(bar, completed=done + share, total=of)
 
         made = make_dataset(order, out, tell, workers)
-    console.print(f"{made} days made: {out.resolve()}", soft_wrap=True)
+    console.print(f"{made} days made: {out.resolve()}")

@@ -52,7 +52,7 @@ def demo(
     made = create_benchmark(network, network, missions=wanted, fewer=missions is None, seeds=SEEDS)
     print_created(made)
     benchmark = write_benchmark(made.benchmark, folder / f"{network}.toml", notes_of(made))
-    console.print(f"benchmark: {benchmark.resolve()}", soft_wrap=True)
+    console.print(f"benchmark: {benchmark.resolve()}")
     for agent in AGENTS:
         _drive(agent, made.benchmark, folder / agent, workers or os.cpu_count() or 1)
     report([folder / agent for agent in AGENTS], folder / "report.html")
@@ -78,13 +78,12 @@ def _imported(file: Path, name: str | None) -> str:
         if network_entry(name).source_sha256 == digest:
             return name
         raise InvalidInputError(f"network '{name}' exists and comes from other data than '{file}'; choose a --name")
-    console.print(f"importing {file}", soft_wrap=True)
+    console.print(f"importing {file}")
     with ended_by_sigterm(), named_steps() as progress:
         done = import_network(file, name, progress=progress)
     console.print(
         f"network '{name}': {done.report.lanes} lanes, {done.report.lane_km:.1f} km, {done.report.lights} traffic "
         f"lights; {done.report.connected_share:.0%} of the lanes lead to each other",
-        soft_wrap=True,
     )
     return name
 

@@ -43,7 +43,7 @@ def evaluate_on_freeway(
         print_json(result.document())
         return
     _print(result)
-    console.print(f"report: {page.resolve()}", soft_wrap=True)
+    console.print(f"report: {page.resolve()}")
 
 
 def prepare_days(benchmark: str, workers: int) -> None:
@@ -55,7 +55,7 @@ def prepare_days(benchmark: str, workers: int) -> None:
         )
     with ProgressBar(f"days of {found.name}") as bar:
         made = make_dataset(found.order, days_folder(found), _days(bar), workers)
-    console.print(f"{made} made, {found.number - made} kept, in {days_folder(found)}", soft_wrap=True)
+    console.print(f"{made} made, {found.number - made} kept, in {days_folder(found)}")
 
 
 def _days(bar: ProgressBar) -> Callable[[int, int, float], None]:

@@ -120,7 +120,7 @@ def localize(
         return
     if example:
         for path in write_example(example):
-            console.print(f"written: {path}", soft_wrap=True)
+            console.print(f"written: {path}")
         return
     if imu is None or gnss is None:
         raise InvalidInputError("expected --imu and --gnss, --example or --study")
@@ -182,7 +182,7 @@ def _report(result: Result, written: Sequence[Path], as_json: bool) -> None:
     for one in result.warnings:
         console.print(f"WARNING: {one.text}", style="bold red")
     for path in written:
-        console.print(f"written: {path}", soft_wrap=True)
+        console.print(f"written: {path}")
 
 
 def _row(name: str, facts: Mapping[str, float], late: Mapping[str, float]) -> tuple[str, ...]:

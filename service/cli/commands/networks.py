@@ -36,7 +36,7 @@ def show(
     """Draws a network as a road map."""
     network = load_network(name)
     path = write_map(network, out or Path(f"{network.name}.html"))
-    console.print(f"map: {path.resolve()}", soft_wrap=True)
+    console.print(f"map: {path.resolve()}")
 
 
 def check(
@@ -56,7 +56,6 @@ def check(
         console.print(
             f"carries about {capacity.carried} vehicles, {capacity.per_km:g} per km of lanes; dense traffic has "
             f"{capacity.wanted}",
-            soft_wrap=True,
         )
 
 
@@ -107,7 +106,7 @@ def import_file(
         print_json(done.report.as_document())
     else:
         _print_report(done.report)
-        console.print(f"network '{name}': {done.folder.resolve()}", soft_wrap=True)
+        console.print(f"network '{name}': {done.folder.resolve()}")
 
 
 def build(
@@ -115,7 +114,7 @@ def build(
     out: Annotated[Path | None, typer.Option(help="The net to write; default: FOLDER/NAME.net.xml.")] = None,
 ) -> None:
     """Builds a network from plain XML; the same source gives the same bytes."""
-    console.print(f"net: {build_network(folder, out).resolve()}", soft_wrap=True)
+    console.print(f"net: {build_network(folder, out).resolve()}")
 
 
 def _print_report(report: NetworkReport) -> None:
@@ -135,7 +134,7 @@ def _print_report(report: NetworkReport) -> None:
         ],
     )
     if report.connected_share < WELL_CONNECTED:
-        console.print("few lanes lead to each other: import with --largest-part keeps only these", soft_wrap=True)
+        console.print("few lanes lead to each other: import with --largest-part keeps only these")
 
 
 def _fault_rows(report: NetworkReport) -> Iterator[tuple[str, str]]:

@@ -56,7 +56,7 @@ def evaluate_on_parking(
         print_json(_document(found.name, records))
     else:
         _print({records[0].agent.name: records})
-        console.print(f"report: {(folder / PAGE).resolve()}", soft_wrap=True)
+        console.print(f"report: {(folder / PAGE).resolve()}")
     end_parking(records)
 
 
@@ -80,8 +80,8 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
             f"{comparison.difference.n} common lot{'s' * (comparison.difference.n != 1)}"
         )
     if mixed := mixed_versions(evaluated):
-        console.print(f"take care: {mixed}", highlight=False, soft_wrap=True)
-    console.print(f"report: {path.resolve()}", soft_wrap=True)
+        console.print(f"take care: {mixed}", highlight=False)
+    console.print(f"report: {path.resolve()}")
 
 
 def _evaluation_in(folder: Path) -> tuple[Sequence[ParkingRecord], Motions]:

@@ -90,12 +90,12 @@ def report(
         print_legend()
     pairs = make_pairs(contenders)
     for pair in pairs:
-        console.print(_verdict(pair), soft_wrap=True)
+        console.print(_verdict(pair))
     print_meetings([record for result in results for record in result.records])
     for one in evaluations:
         print_part(one.part, f"{one.agent}: ")
     if mixed := mixed_versions(evaluations):
-        console.print(f"take care: {mixed}", highlight=False, soft_wrap=True)
+        console.print(f"take care: {mixed}", highlight=False)
     path = write_report(contenders, pairs, out)
     console.print(f"report: {path.resolve()}")
 
@@ -274,18 +274,18 @@ def _print_verified(
         told = {} if benchmark is None else {"benchmark": benchmark, "late": list(late)}
         print_json({"record": str(path), **hashes, "signature": signer.document, "part": part or None} | told)
         return
-    console.print(f"signature: {signer}", highlight=False, soft_wrap=True)
+    console.print(f"signature: {signer}", highlight=False)
     if benchmark is not None:
         outcome = "it has this scenario" if benchmark["compared"] else "not compared with it"
         # In quotes: a stranger's name may have lines of its own.
         named = f"{benchmark['name']!r:.80} {benchmark['sha256'][:8]!r}, {outcome}" if benchmark["name"] else "none"
-        console.print(f"benchmark: {named}", highlight=False, soft_wrap=True)
+        console.print(f"benchmark: {named}", highlight=False)
     if replayed is None:
-        console.print(f"hash right, not driven again: {old.record_hash}", highlight=False, soft_wrap=True)
+        console.print(f"hash right, not driven again: {old.record_hash}", highlight=False)
     else:
         console.print(f"{'same' if same else 'DIFFERS'}: {old.record_hash} in the record, {replayed} replayed")
     for sentence in late:
-        console.print(sentence, highlight=False, soft_wrap=True)
+        console.print(sentence, highlight=False)
     print_part(part)
 
 

@@ -91,15 +91,11 @@ def submit(
     if json:
         print_json(made)
         return
-    console.print(
-        f"{agent}, version {made['version']}: {made['kind']}, track {made['track']}", highlight=False, soft_wrap=True
-    )
+    console.print(f"{agent}, version {made['version']}: {made['kind']}, track {made['track']}", highlight=False)
     if remote:
-        console.print(
-            f"its worker: dohyo worker --server {server} --agent {agent} --entry ...", highlight=False, soft_wrap=True
-        )
+        console.print(f"its worker: dohyo worker --server {server} --agent {agent} --entry ...", highlight=False)
     first = FIRST_BENCHMARK[family_for(made["control"])]
-    console.print(f"next: dohyo evaluations start {agent} {first} --watch", highlight=False, soft_wrap=True)
+    console.print(f"next: dohyo evaluations start {agent} {first} --watch", highlight=False)
 
 
 def start(
@@ -199,7 +195,7 @@ def fetch(
             command = "dohyo verify RECORD"
         case _:
             command = f"dohyo report {folder}"
-    console.print(f"{len(paths)} records in {folder} ({command})", highlight=False, soft_wrap=True)
+    console.print(f"{len(paths)} records in {folder} ({command})", highlight=False)
 
 
 def cancel(evaluation: Which, server: Server = LOCAL, token: Token = None, json: Json = False) -> None:
@@ -302,7 +298,7 @@ def _watch(client: Client, evaluation: str, json: bool) -> None:
         print_json({"evaluation": state, "metrics": metrics})
     elif metrics is None:
         secret = "the scores of single drives are secret until the ranking ends; its board:"
-        console.print(f"{secret} dohyo leaderboard --ranking {state['ranking']}", soft_wrap=True)
+        console.print(f"{secret} dohyo leaderboard --ranking {state['ranking']}")
     else:
         _print_scores(state, metrics)
     if state["status"] != "done":

@@ -58,7 +58,7 @@ def import_file(
         print_json({"benchmark": str(path), "routes": routes, "skipped": dict(made.skipped)})
         return
     _print_routes(made)
-    console.print(f"benchmark: {path.resolve()}", soft_wrap=True)
+    console.print(f"benchmark: {path.resolve()}")
 
 
 def _print_routes(made: ImportedRoutes) -> None:
@@ -71,8 +71,8 @@ def _print_routes(made: ImportedRoutes) -> None:
     )
     for snap in made.snaps:
         for note in snap.notes:
-            console.print(f"{snap.mission}: {note}", soft_wrap=True)
+            console.print(f"{snap.mission}: {note}")
     for route, reason in made.skipped.items():
-        console.print(f"skipped route {route}: {reason}", soft_wrap=True)
+        console.print(f"skipped route {route}: {reason}")
     for level, number in made.reduced.items():
-        console.print(f"{level} traffic is reduced: {number} vehicles jam this network", soft_wrap=True)
+        console.print(f"{level} traffic is reduced: {number} vehicles jam this network")

@@ -39,7 +39,7 @@ def create(
     if json:
         print_json(view_token(token).model_dump(mode="json") | {"token": secret})
     else:
-        console.print(secret, soft_wrap=True, highlight=False)
+        console.print(secret, highlight=False)
 
 
 def show_all(data: Data = None, database: Url = None, json: Json = False) -> None:

@@ -55,7 +55,7 @@ def train(
     except RunStoppedError as error:
         print(f"dohyo: {error}; continue with: dohyo train {name} --resume --out {folder}", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from error
-    console.print(f"{name}: {trained.resolve()}", soft_wrap=True)
+    console.print(f"{name}: {trained.resolve()}")
 
 
 def _list(as_json: bool) -> None:

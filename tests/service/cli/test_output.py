@@ -64,6 +64,16 @@ def test_a_table_for_programs_has_a_line_for_each_row(monkeypatch: pytest.Monkey
     assert all(line.count("word") == 60 for line in lines)
 
 
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_line_of_text_stays_one_line(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> None:
+    monkeypatch.setattr(console, "_force_terminal", terminal)
+    monkeypatch.setattr(console, "_width", 40)
+    line = "report: /home/someone/results of a long campaign/autopilot/quickstart/report.html"
+    with console.capture() as captured:
+        console.print(line)
+    assert Text.from_ansi(captured.get()).plain.rstrip() == line
+
+
 @pytest.mark.parametrize(("width", "whole"), [(80, True), (30, False)])
 def test_a_terminal_wraps_what_is_read_and_not_what_is_copied(
     monkeypatch: pytest.MonkeyPatch, width: int, whole: bool

@@ -68,7 +68,7 @@ def test_from_a_file_to_a_report_and_nothing_is_driven_twice(folder: Path) -> No
     (folder / "Cross Roads.osm").write_text(OSM)
     out = dohyo("demo", "Cross Roads.osm", "--missions", "1", "--workers", "1")
     results = folder / "out" / "demo" / "cross-roads"
-    assert f"report: {results / 'report.html'}" in out.replace("\n", "")
+    assert f"report: {results / 'report.html'}" in out.splitlines()
     records = sorted(results.glob("*/records/*.json"))
     assert len(records) == 4
     written = [record.stat().st_mtime_ns for record in records]

@@ -56,7 +56,7 @@ def test_a_forecaster_is_evaluated_and_its_result_written(
     assert dohyo(monkeypatch, *order) == 0
     told = capsys.readouterr().out
     assert "persistence" in told
-    assert "report.html" in told.replace("\n", "")
+    assert f"report: {(out / 'report.html').resolve()}" in told.splitlines()
     assert dohyo(monkeypatch, *order, "--json") == 0
     document = json.loads(capsys.readouterr().out)
     assert document == json.loads((out / "result.json").read_text())

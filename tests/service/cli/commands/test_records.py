@@ -118,10 +118,12 @@ def test_few_drives_decide_nothing_and_have_no_probability(seeds: Sequence[int],
         driven(tmp_path / "other", seeds, AGENT.model_copy(update={"name": "other"}), flaws=0),
         driven(tmp_path / "tester", seeds),
     ]
-    done = dohyo.invoke(app, ["report", *map(str, folders), "--out", str(tmp_path / "report.html")])
+    page = tmp_path / "report.html"
+    done = dohyo.invoke(app, ["report", *map(str, folders), "--out", str(page)])
     assert done.exit_code == 0, done.output
+    assert f"report: {page.resolve()}" in done.output.splitlines()
     sign = "=" if "too few" in ends else ">"
-    (said,) = re.findall(r"other [<=>] tester: .*", " ".join(done.output.split()).replace(" report:", "\n"))
+    (said,) = re.findall(r"other [<=>] tester: .*", done.output)
     assert said.startswith(f"other {sign} tester: driving score differs by ")
     assert ends in said
     assert ("P(" in said) == ("P(" in ends)
