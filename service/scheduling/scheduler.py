@@ -36,6 +36,7 @@ from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.workers.lease import RemoteEpisode
 from dohyo.service.workers.leases import SWEEP_S, LeaseBook
+from dohyo.service.workers.loop_clock import LoopClock
 from dohyo.sumo_networks.errors import DohyoError
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ class Scheduler:
 
     def __init__(self, settings: Settings, database: Database, events: Broadcast) -> None:
         """Creates the scheduler; `start` starts it."""
-        self.leases = LeaseBook(settings.lease_ttl_s)
+        self._clock = LoopClock()
+        self.leases = LeaseBook(settings.lease_ttl_s, self._clock)
         self.leases.fresh = self.wake
         self._settings, self._database, self._orders = settings, PatientDatabase(database), Orders(settings)
         self._results = Results(settings, self._database, events, self._orders)
@@ -333,6 +335,7 @@ class Scheduler:
     async def _sweep(self) -> None:
         while True:
             await asyncio.sleep(SWEEP_S)
+            self._clock.tick()
             self.leases.sweep()
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -27,6 +26,7 @@ from dohyo.service.wire.bodies import Directive, Reply, Step
 from dohyo.service.wire.messages import NOTHING, Format
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker
+from dohyo.service.workers.loop_clock import LoopClock
 from dohyo.sumo_networks.errors import InvalidInputError
 
 SWEEP_S = 0.1
@@ -50,8 +50,8 @@ class LeaseBook:
         fresh: Callback for a worker that begins to wait.
     """
 
-    def __init__(self, lease_ttl_s: float) -> None:
-        self.lease_ttl_s = lease_ttl_s
+    def __init__(self, lease_ttl_s: float, clock: LoopClock | None = None) -> None:
+        self.lease_ttl_s, self._clock = lease_ttl_s, clock or LoopClock()
         self.draining = False
         self.fresh: Callable[[], None] = lambda: None
         self._workers: dict[str, Worker] = {}
@@ -79,7 +79,7 @@ class LeaseBook:
             token_id=token_id,
             version=version,
             capacity=capacity,
-            seen=time.monotonic(),
+            seen=self._clock.monotonic(),
         )
         self._workers[worker.id] = self._tokens[worker.token] = worker
         return worker
@@ -93,7 +93,7 @@ class LeaseBook:
         worker = self._tokens.get(token)
         if worker is None:
             raise UnauthorisedError("expected the token of a registered worker; register again (POST /v1/workers)")
-        worker.seen = time.monotonic()
+        worker.seen = self._clock.monotonic()
         return worker
 
     def token_ids(self) -> set[str]:
@@ -115,7 +115,7 @@ class LeaseBook:
 
     def demand(self, agent: str, version: int) -> int:
         """Number of episodes of a submission that workers wait for."""
-        now = time.monotonic()
+        now = self._clock.monotonic()
         return sum(
             max(0, worker.capacity - len(worker.leases))
             for worker in self._workers.values()
@@ -125,7 +125,7 @@ class LeaseBook:
 
     def counts(self) -> dict[str, int]:
         """Numbers of workers and leases."""
-        now = time.monotonic()
+        now = self._clock.monotonic()
         alive = sum(bool(worker.polls or worker.leases) or now - worker.seen < 30 for worker in self._workers.values())
         return {"workers": alive, "leases": sum(not lease.ended for lease in self._leases.values())}
 
@@ -159,7 +159,7 @@ class LeaseBook:
                 await asyncio.wait([given, left], timeout=wait_s, return_when=asyncio.FIRST_COMPLETED)
         finally:
             worker.polls -= 1
-            worker.seen = time.monotonic()
+            worker.seen = self._clock.monotonic()
             if entry in self._polls:
                 self._polls.remove(entry)
         self._refuse_dismissed(worker)
@@ -183,7 +183,7 @@ class LeaseBook:
 
     def _offer(self, episode: RemoteEpisode) -> None:
         """Leases an episode to the worker that has waited longest, or keeps it for the next one."""
-        episode.offered = time.monotonic()
+        episode.offered = self._clock.monotonic()
         for worker, given in self._polls:
             if worker.takes(episode) and not given.done() and not self.draining:
                 given.set_result(self._give(episode, worker))
@@ -193,7 +193,7 @@ class LeaseBook:
     def _give(self, episode: RemoteEpisode, worker: Worker) -> Lease:
         if episode in self._offers:
             self._offers.remove(episode)
-        now = time.monotonic()
+        now = self._clock.monotonic()
         lease = Lease(f"l-{secrets.token_hex(12)}", worker, episode, heard=now, due=now + RESET_DEADLINE_S)
         self._leases[lease.id] = lease
         worker.leases.add(lease.id)
@@ -278,7 +278,7 @@ class LeaseBook:
 
     def _heard(self, lease: Lease) -> None:
         """Renews a lease; a request after the deadline shows that the agent is too slow."""
-        lease.heard = time.monotonic()
+        lease.heard = self._clock.monotonic()
         if not lease.ended and lease.moving is None and lease.heard > lease.due:
             self._time_out(lease)
 
@@ -305,7 +305,7 @@ class LeaseBook:
         directive: Directive = "drain" if self.draining else "run"
         reply = Reply(tick, time_s, seen, done=False, missed=missed, clipped=clipped, directive=directive)
         lease.answered, lease.reply, lease.tick = lease.tick, reply, tick
-        lease.moving, lease.heard = None, time.monotonic()
+        lease.moving, lease.heard = None, self._clock.monotonic()
         lease.due = lease.heard + lease.episode.order.act_deadline_s
         answer_all(lease.waiting, reply)
 
@@ -350,7 +350,7 @@ class LeaseBook:
 
     def sweep(self) -> None:
         """Ends leases and workers that have been silent for too long; called every `SWEEP_S`."""
-        now = time.monotonic()
+        now = self._clock.monotonic()
         self._forget()
         for lease in [one for one in self._leases.values() if not one.ended]:
             if lease.moving is not None:
@@ -371,7 +371,7 @@ class LeaseBook:
             given.cancel()
 
     def _forget(self) -> None:
-        now = time.monotonic()
+        now = self._clock.monotonic()
         for worker in [one for one in self._workers.values() if not one.leases and not one.polls]:
             if now - worker.seen > FORGET_S:
                 del self._workers[worker.id], self._tokens[worker.token]

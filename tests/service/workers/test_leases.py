@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
@@ -12,18 +13,24 @@ import msgspec
 import pytest
 
 from dohyo.evaluation.records.record import AgentInfo
+from dohyo.service.database.engine import Database
 from dohyo.service.errors import ConflictError, GoneError, UnauthorisedError
 from dohyo.service.running.channel import SEEN, Fault, Kind
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
+from dohyo.service.scheduling.scheduler import Scheduler
+from dohyo.service.settings import Settings
+from dohyo.service.state import Broadcast
 from dohyo.service.wire.bodies import Step
 from dohyo.service.wire.messages import Format, encode_observations
 from dohyo.service.wire.requests import StaleTickError
 from dohyo.service.workers import leases as module
+from dohyo.service.workers import loop_clock
 from dohyo.service.workers.lease import Lease, RemoteEpisode, Worker
 from dohyo.service.workers.leases import LeaseBook
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
+from tests.service.tables import sqlite_with_tables
 
 TTL_S, DEADLINE_S = 30.0, 10.0
 
@@ -42,7 +49,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """The clock of all leases."""
     made = Clock()
-    monkeypatch.setattr(module, "time", made)
+    monkeypatch.setattr(loop_clock, "time", made)
     return made
 
 
@@ -225,6 +232,33 @@ def test_a_sign_of_life_after_the_deadline_makes_it_the_agents_fault(sign: str, 
             await signs[sign](book, lease)
         assert process.kinds()[-1] is Kind.FAULT
         assert process.killed is None
+
+    run(test())
+
+
+def test_a_standstill_of_the_service_is_not_charged_to_the_agent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # the real clock
+    monkeypatch.setattr("dohyo.service.scheduling.scheduler.dismiss_workers", lambda *_: never())
+
+    async def test() -> None:
+        sqlite_with_tables(tmp_path / "dohyo.db")
+        settings = Settings(data=tmp_path, _env_file=None)
+        scheduler = Scheduler(settings, Database(settings.database_url), Broadcast())
+        await scheduler.start()
+        try:
+            lease, process = await leased(scheduler.leases)
+            lease.episode.order = lease.episode.order.model_copy(update={"act_deadline_s": 1.0})
+            await stepped(scheduler.leases, lease, process, 0)
+            await asyncio.sleep(0.5)
+            time.sleep(2.0)  # the whole loop
+            await stepped(scheduler.leases, lease, process, 1)
+            await asyncio.sleep(1.8)
+            with pytest.raises(GoneError, match="took longer than 1 s"):
+                await scheduler.leases.step(lease, answer(2), Format.MSGPACK)
+        finally:
+            await scheduler.stop()
 
     run(test())
 
