@@ -37,6 +37,7 @@ class Rows:
         names: Of the columns.
         speeds: (R, N), m/s, NaN where missing.
         offset_s: How far the clock of the last time is ahead of UTC; None: times without a zone.
+        notes: What was decided in reading them, one sentence each.
     """
 
     source: str
@@ -44,6 +45,7 @@ class Rows:
     names: tuple[str, ...]
     speeds: Float32Array
     offset_s: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
             )
     start = min(float(one.time_s[0]) for one in files)
     start = start // step * step if resample_s else start
-    notes: list[str] = []
+    notes = list(dict.fromkeys(note for one in files for note in one.notes))
     parts = [_placed(one, start, step, 1.0 if resample_s else tolerance, bool(resample_s), notes) for one in files]
     place = np.unique(np.concatenate([part[0] for part in parts]))
     columns = []

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from dohyo.agents.forecasting.data.dates import is_numeric, year_first
 from dohyo.agents.forecasting.data.grid import Grid, Rows, on_grid
 from dohyo.agents.forecasting.data.speed_table import (
     DAY_S,
@@ -46,6 +47,7 @@ class Format:
         resample_s: New step in seconds, with means over the rows within; None: the table's own.
         trust_unit: Whether to accept speeds that are implausible in the unit.
         growing: Whether a line without an end may still be being written; else only one that lacks columns.
+        day_first: Whether dates such as 03/04/2026 begin with the day; None: decided by all dates, see `dates`.
     """
 
     unit: str = "m/s"
@@ -56,6 +58,7 @@ class Format:
     resample_s: float | None = None
     trust_unit: bool = False
     growing: bool = False
+    day_first: bool | None = None
 
 
 def read_data(path: Path | Sequence[Path], how: Format | None = None, learn: str = "train") -> SpeedData:
@@ -206,24 +209,27 @@ def _read_rows(path: Path, how: Format) -> Rows:
         raise InvalidInputError(
             f"'{path}': expected rows of times and columns of speeds, got {len(table)} rows, {len(names)} columns"
         )
-    clock = _clock(path, table[time] if time is not None else None, len(table), how)
-    offset_s = None if time is None else _offset_s(path, table[time], how)
-    return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s)
+    times, notes = (None, ()) if time is None else _times(path, table[time], how)
+    clock = _clock(path, times, len(table), how)
+    offset_s = None if times is None else _offset_s(path, times, how)
+    return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s, notes)
 
 
 def _frame(path: Path, how: Format) -> pl.DataFrame:
-    readers = {
-        ".csv": lambda: pl.read_csv(
-            _whole_lines(path, how.growing), infer_schema_length=None, null_values=NULLS, try_parse_dates=True
-        ),
-        ".parquet": lambda: pl.read_parquet(path),
-    }
+    readers = {".csv": lambda: _csv(path, how), ".parquet": lambda: pl.read_parquet(path)}
     if path.suffix.lower() not in readers:
         raise InvalidInputError(f"'{path}': expected a .csv or .parquet file")
     try:
         return readers[path.suffix.lower()]()
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {str(error).splitlines()[0]}") from error
+
+
+def _csv(path: Path, how: Format) -> pl.DataFrame:
+    lines = _whole_lines(path, how.growing)
+    first = lines.partition(b"\n")[2].partition(b",")[0].strip(b'" ').decode(errors="replace")
+    parse = not is_numeric(first)  # polars takes the day as first whatever the other rows say
+    return pl.read_csv(lines, infer_schema_length=None, null_values=NULLS, try_parse_dates=parse)
 
 
 def _whole_lines(path: Path, growing: bool) -> bytes:
@@ -237,13 +243,25 @@ def _whole_lines(path: Path, growing: bool) -> bytes:
 
 def _is_time(column: pl.Series) -> bool:
     """Whether a first column holds times: dates, or a name that says so."""
-    return column.dtype.is_temporal() or column.name.strip().lower() in TIME_NAMES
+    in_numbers = column.dtype == pl.String and len(column) > 0 and is_numeric(column[0] or "")
+    return column.dtype.is_temporal() or in_numbers or column.name.strip().lower() in TIME_NAMES
+
+
+def _place(path: Path, row: int) -> str:
+    """Name of a row, as editors count the lines of a file."""
+    return f"line {row + 2}" if path.suffix.lower() == ".csv" else f"row {row + 1}"
 
 
 def _speeds(path: Path, table: pl.DataFrame, names: Sequence[str], how: Format) -> Float32Array:
     speeds = _numbers(path, table, names)
     if how.missing_value is not None:
         speeds = np.where(speeds == np.float32(how.missing_value), np.float32(np.nan), speeds)
+    if (speeds < 0.0).any():
+        row, column = np.argwhere(speeds < 0.0)[0]
+        raise InvalidInputError(
+            f"'{path}': column '{names[column]}' has the speed {speeds[row, column]:.4g} {how.unit} in "
+            f"{_place(path, row)}, expected 0 or more"
+        )
     return np.asarray(speeds * np.float32(UNITS[how.unit]), dtype=np.float32)
 
 
@@ -257,7 +275,7 @@ def _numbers(path: Path, table: pl.DataFrame, names: Sequence[str]) -> Float32Ar
     out = table.select(pl.col(list(names)).cast(pl.Float32)).to_numpy().astype(np.float32)
     if np.isinf(out).any():
         row, column = np.argwhere(np.isinf(out))[0]
-        raise InvalidInputError(f"'{path}': column '{names[column]}' is infinite in row {row + 1}")
+        raise InvalidInputError(f"'{path}': column '{names[column]}' is infinite in {_place(path, row)}")
     return out
 
 
@@ -266,10 +284,6 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
     step_s = how.step_s
     if column is None:
         return np.arange(rows, dtype=np.float64) * (step_s or 60.0)
-    if column.null_count():
-        raise InvalidInputError(f"'{path}': the time is missing in row {int(column.is_null().arg_max() or 0) + 1}")
-    if column.dtype == pl.String:
-        column = _parsed(path, column)
     if column.dtype in (pl.Time, pl.Duration):
         raise InvalidInputError(
             f"'{path}': expected dates with times in column '{column.name}', got times without a date: {column[0]}"
@@ -285,7 +299,7 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
     steps = np.diff(time_s)
     if len(steps) and steps.min() < 0.0:
         raise InvalidInputError(
-            f"'{path}': expected times that increase, row {int(steps.argmin()) + 2} does not; sort the rows"
+            f"'{path}': expected times that increase, {_place(path, int(steps.argmin()) + 1)} does not; sort the rows"
         )
     return np.asarray(time_s, dtype=np.float64)
 
@@ -315,11 +329,33 @@ def _minutes(path: Path, column: pl.Series) -> FloatArray:
     return np.asarray(minutes)
 
 
-def _parsed(path: Path, column: pl.Series) -> pl.Series:
+def _times(path: Path, column: pl.Series, how: Format) -> tuple[pl.Series, tuple[str, ...]]:
+    """A column of times without texts, and what was decided about them."""
+    if column.null_count():
+        raise InvalidInputError(
+            f"'{path}': the time is missing in {_place(path, int(column.is_null().arg_max() or 0))}"
+        )
+    if column.dtype != pl.String:
+        return column, ()
+    if not is_numeric(column[0]):
+        return _parsed(path, column, column), ()
     try:
-        return column.str.to_datetime(strict=True)
-    except pl.exceptions.PolarsError as error:
-        raise InvalidInputError(f"'{path}': '{column[0]}' in column '{column.name}' is no time") from error
+        texts, note = year_first(column, how.day_first)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"'{path}', column '{column.name}': {error}") from error
+    return _parsed(path, column, texts), (note,)
+
+
+def _parsed(path: Path, column: pl.Series, texts: pl.Series) -> pl.Series:
+    """Times of texts, which are a column as it is or in another order."""
+    try:
+        times = texts.str.to_datetime(strict=False)
+    except pl.exceptions.PolarsError:
+        times = pl.Series([None] * len(texts), dtype=pl.Datetime)
+    if times.null_count():
+        row = int(times.is_null().arg_max() or 0)
+        raise InvalidInputError(f"'{path}': '{column[row]}' in column '{column.name}', {_place(path, row)}, is no time")
+    return times
 
 
 def _few(names: Sequence[str]) -> str:

@@ -40,6 +40,10 @@ Resample = Annotated[
     float | None, typer.Option(min=0.001, help="Minutes of new, longer steps with means over the rows within.")
 ]
 Trust = Annotated[bool, typer.Option("--trust-unit", help="Accept speeds that are implausible in --unit.")]
+DayFirst = Annotated[
+    bool | None,
+    typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2026. [default: by all dates]"),
+]
 FigureFile = Annotated[
     Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it if chromium is installed.")
 ]
@@ -57,6 +61,7 @@ def fit(
     tolerance: Tolerance = 0.5,
     resample: Resample = None,
     trust_unit: Trust = False,
+    day_first: DayFirst = None,
     figure: FigureFile = None,
     depth: Annotated[int, typer.Option(min=-1, max=4, help="Depth of the Laplacian pyramid loss; -1: none.")] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Most optimiser steps in each phase.")] = 600,
@@ -71,7 +76,7 @@ def fit(
 
     if out is not None and out.suffix != ".safetensors":
         raise InvalidInputError(f"expected --out to end in .safetensors, got '{out}'")
-    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit))
+    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first))
     settings = training.TrainSettings(
         depth=None if depth < 0 else depth, steps=steps, batch=batch, rate=rate, seed=seed
     )
@@ -98,12 +103,13 @@ def evaluate(
     tolerance: Tolerance = 0.5,
     resample: Resample = None,
     trust_unit: Trust = False,
+    day_first: DayFirst = None,
     figure: FigureFile = None,
     sets: Annotated[str | None, typer.Option(help="Separated by commas, such as test or easy,hard.")] = None,
     json: Json = False,
 ) -> None:
     """Prints the errors of a trained forecaster beside those of persistence."""
-    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit))
+    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first))
     forecaster = _loaded(model, len(table.segments), table.step_s, table.source)
     chosen = sets.split(",") if sets else table.measured_sets
     _report(forecaster, table, chosen, json, _draw(forecaster, table, chosen[0], unit, figure))
@@ -118,6 +124,7 @@ def run(
     tolerance: Tolerance = 0.5,
     resample: Resample = None,
     trust_unit: Trust = False,
+    day_first: DayFirst = None,
     out: Annotated[Path | None, typer.Option(help="Append the forecasts to this CSV file.")] = None,
     figure: FigureFile = None,
     follow: Annotated[bool, typer.Option("--follow", help="Forecast again whenever the table has grown.")] = False,
@@ -134,7 +141,7 @@ def run(
 
     if out is not None:
         check_output(out)
-    how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit)
+    how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit, day_first)
     read = partial(read_latest, data, replace(how, growing=follow))
 
     def load(grid: Grid) -> Forecaster:
@@ -158,11 +165,12 @@ def _format(
     tolerance: float,
     resample_min: float | None,
     trust_unit: bool,
+    day_first: bool | None,
 ) -> Format:
     from dohyo.agents.forecasting.data.reading import Format
 
     step_s, resample_s = (None if minutes is None else 60.0 * minutes for minutes in (step_min, resample_min))
-    return Format(unit, step_s, max_missing, missing_value, tolerance, resample_s, trust_unit)
+    return Format(unit, step_s, max_missing, missing_value, tolerance, resample_s, trust_unit, day_first=day_first)
 
 
 def _read(paths: Sequence[Path], how: Format) -> SpeedData:
@@ -228,7 +236,7 @@ def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence
             "run; too narrow if the model was trained on these rows"
         )
     for path in written:
-        console.print(f"written: {path.resolve()}", soft_wrap=True)
+        console.print(f"written: {path.resolve()}")
 
 
 def _known(values: np.ndarray) -> list[list[float | None]]:
@@ -274,7 +282,7 @@ def _report(
         return
     _print_errors(table, found)
     for path in written:
-        console.print(f"written: {path.resolve()}", soft_wrap=True)
+        console.print(f"written: {path.resolve()}")
 
 
 def _free_mps(forecaster: Forecaster, table: SpeedData) -> float:

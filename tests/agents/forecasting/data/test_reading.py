@@ -151,6 +151,19 @@ def test_a_bad_table_is_one_clear_line(name: str, tmp_path: Path) -> None:
     assert str(tmp_path / "t.parquet") in str(caught.value)
 
 
+@pytest.mark.parametrize("bad", ["-3", "inf"])
+def test_a_bad_speed_is_named_by_its_line_in_the_file(bad: str, tmp_path: Path) -> None:
+    times = [
+        datetime.datetime(2024, 3, 1) + datetime.timedelta(minutes=minute) for minute in (*range(20), *range(50, 230))
+    ]
+    lines = ["time,a", *(f"{time},{20 + i % 5}" for i, time in enumerate(times))]
+    lines[100] = f"{times[99]},{bad}"
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    for read in (read_data, read_latest):
+        with pytest.raises(InvalidInputError, match=r"column 'a' .* in line 101"):
+            read(tmp_path / "t.csv")
+
+
 def test_a_bad_file_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "t.parquet").write_bytes(b"no parquet")
     (tmp_path / "t.xlsx").write_bytes(b"")
