@@ -1,7 +1,8 @@
 """dohyo evaluates driving agents in SUMO traffic.
 
 This module exports the most common names, and imports each at its first use, so that `import dohyo` is quick. It also
-registers `dohyo/Driving-v0`, `dohyo/Quickstart-v0` and other ids for `gymnasium.make`.
+registers `dohyo/Driving-v0`, `dohyo/Quickstart-v0` and other ids for `gymnasium.make`, and has numba compile a kernel
+again whenever anything changes that it was compiled from.
 
 The four floors are `dohyo.sumo_networks` (the world), `dohyo.evaluation` (criteria, scores, benchmarks),
 `dohyo.agents` (the policies and their training) and `dohyo.service` (REST, policy workers, dashboard, command line).
@@ -12,7 +13,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from dohyo.gym_ids import register_once_imported
+from dohyo.gym_ids import register_all
+from dohyo.once_imported import once_imported
 
 if TYPE_CHECKING:
     from dohyo.agents.evaluation import evaluate
@@ -35,7 +37,13 @@ _HOMES = {
     "make_vec": "dohyo.evaluation.benchmarks.environments",
 }
 
-register_once_imported()
+
+def _keep_kernels_up_to_date() -> None:
+    import_module("dohyo.kernel_cache").install()
+
+
+once_imported("gymnasium.envs.registration", register_all)
+once_imported("numba.core.caching", _keep_kernels_up_to_date)
 
 
 def __getattr__(name: str) -> Any:

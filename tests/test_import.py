@@ -72,6 +72,7 @@ def test_gymnasium_knows_the_ids(name: str) -> None:
 def test_the_ids_are_known_in_whatever_order_both_are_imported(imports: str) -> None:
     code = f"""{imports}
 import inspect, sys
+import numba  # dohyo waits for its import, too
 gymnasium.spec("dohyo/Quickstart-v0")
 assert "def register" in inspect.getsource(gymnasium.envs.registration)
 assert not any("dohyo" in type(finder).__module__ for finder in sys.meta_path)

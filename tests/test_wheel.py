@@ -88,7 +88,7 @@ def dohyo(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
 def lend_kernels(installed: Path) -> None:
     """Lets what is installed find the kernels that were compiled for these files, which takes half a minute.
 
-    Numba takes a kernel for that of a file by the file's time and size.
+    Numba takes a kernel for that of a file by the file's content, in older versions by its time and size.
     """
     for floor in FLOORS:
         for file in (ROOT / floor).rglob("*.py"):
