@@ -118,7 +118,7 @@ class Settings(BaseSettings):
     runs_per_day: Annotated[int, Field(ge=1)] = 10
     metrics_token: SecretStr | None = None
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
-    body_limit_bytes: Annotated[int, Field(ge=1024)] = 4_000_000
+    body_limit_bytes: Annotated[int, Field(ge=1024)] = 1_250_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000
     league: bool = False
     public: bool = True

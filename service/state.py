@@ -153,6 +153,8 @@ class Services:
         metrics: Counts and durations for Prometheus.
         jobs: Runner of jobs.
         reads: Threads of heavy reads.
+        orders: Threads of orders.
+        bodies: Threads that parse long bodies.
         signing: Keys that sign records.
         worlds: Live worlds.
         streams: Number of open event streams by caller.
@@ -170,6 +172,7 @@ class Services:
     jobs: JobRunner = field(init=False)
     reads: HeavyWork = field(init=False)
     orders: HeavyWork = field(init=False)
+    bodies: HeavyWork = field(init=False)
     signing: SigningKeys = field(init=False)
     worlds: WorldBook = field(init=False)
 
@@ -177,6 +180,7 @@ class Services:
         self.events.watch(self.metrics.note_event)
         seconds = self.settings.read_seconds_per_minute
         self.reads, self.orders = HeavyWork("reads", seconds), HeavyWork("orders", seconds)
+        self.bodies = HeavyWork("bodies", seconds)
         self.jobs = JobRunner(self.settings, self.database, self.events)
         self.worlds = WorldBook(self.settings, self.database)
         self.signing = SigningKeys(self.settings.signing_key, self.settings.retired_signing_keys)

@@ -78,6 +78,9 @@ async def identify(request: Request, credentials: Credentials, services: Service
         UnauthorisedError: The header holds no valid token.
     """
     public = services.settings.public
+    known: Caller | None = getattr(request.state, "caller", None)
+    if known is not None:  # before the body was read
+        return known
     if credentials is None:
         if "authorization" in request.headers:
             raise UnauthorisedError()

@@ -46,8 +46,8 @@ class ConnectionLimits:
         per_address: Most open connections of one address, an IPv6 network of 64 bits counting as one.
         proxies: Addresses and networks that have no limit of their own.
         header_s: Longest time for the headers of a request, s.
-        body_s: Time for the body of a request, besides that for its bytes, s.
-        body_rate: Lowest mean rate of a body, bytes/s.
+        body_s: Longest time without any byte of a body, s. A slow one uses it up, and each byte gives some of it back.
+        body_rate: Rate of a body at which this time neither falls nor grows, bytes/s.
         unread_s: Longest time in which a client reads nothing of its answer, s.
     """
 
@@ -161,18 +161,17 @@ class LimitedProtocol(HttpToolsProtocol):
         self._number = connections.number()
         self._since = 0.0
         self._received = 0
+        self._due = 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._timed: Phase | None = None
         self._unread: asyncio.TimerHandle | None = None
 
     def use(self) -> tuple[int, float, int]:
-        """Order in which connections are closed for room: by phase, then by age, or rate of the body.
+        """Order in which connections are closed for room: by phase, then by age, or the time that a body still has.
 
         The loop's clock stands still while it accepts many at once, so that their number decides.
         """
-        if self.phase is Phase.BODY:
-            return self.phase, self._received / max(self.loop.time() - self._since, 0.1), self._number
-        return self.phase, self._since, self._number
+        return self.phase, self._due if self.phase is Phase.BODY else self._since, self._number
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Counts the connection, and gives it time for its first headers."""
@@ -196,6 +195,8 @@ class LimitedProtocol(HttpToolsProtocol):
         """Parses, and starts or ends the timer of the phase that this leads to."""
         super().data_received(data)
         self._received += len(data)
+        if self.phase is Phase.BODY:
+            self._due = min(self._due + len(data) / self._limits.body_rate, self.loop.time() + self._limits.body_s)
         if self.phase is Phase.IDLE:
             self._enter(Phase.HEADERS)  # bytes before a request, such as empty lines
         if self.phase is Phase.HEADERS and self._received > MOST_HEADER_BYTES:
@@ -212,6 +213,7 @@ class LimitedProtocol(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         """The body of a request begins."""
         self._enter(Phase.BODY)
+        self._due = self._since + self._limits.body_s
         super().on_headers_complete()
 
     def on_message_complete(self) -> None:
@@ -253,9 +255,9 @@ class LimitedProtocol(HttpToolsProtocol):
 
     def _check_body(self) -> None:
         """Ends a body that is too slow; one that waits for the application is not."""
-        allowed = self._since + self._limits.body_s + self._received / self._limits.body_rate
-        waits = self.flow.read_paused or self.cycle.waiting_for_100_continue
-        wait = self._limits.body_s if waits else allowed - self.loop.time()
+        if self.flow.read_paused or self.cycle.waiting_for_100_continue:
+            self._due = self.loop.time() + self._limits.body_s
+        wait = self._due - self.loop.time()
         if wait > 0:
             self._timer = self.loop.call_later(wait, self._check_body)
         else:

@@ -20,10 +20,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from dohyo.service.errors import BusyError, TooLargeError, problem
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.web.addresses import client_of
+from dohyo.service.web.strict_json import ANONYMOUS_BYTES
 
 WIRE = ("/v1/workers", "/v1/leases", "/v1/seats")
 FREE = ("/health", "/static")
 UPLOADS = ("/v1/networks", "/submissions/onnx")
+FORMS = ("/login", "/logout", "/join")
 REDEMPTIONS = ("/v1/invitations/redeem", "/join")
 REDEMPTIONS_PER_DAY = 200  # of one address, behind which a whole class may sit
 DAY_S = 86_400.0
@@ -59,7 +61,7 @@ class BodyLimit:
         if scope["type"] != "http" or scope["method"] in ("GET", "HEAD"):
             await self.app(scope, receive, send)
             return
-        limit = self.upload_limit if scope["path"].rstrip("/").endswith(UPLOADS) else self.limit
+        limit = self._limit_of(scope["path"].rstrip("/"))
         told = Headers(scope=scope).get("content-length", "")
         if told.isdigit() and int(told) > limit:
             await _too_large(limit)(scope, receive, send)
@@ -86,6 +88,11 @@ class BodyLimit:
             if error.status_code != 413 or answered:
                 raise
             await _too_large(limit)(scope, receive, send)
+
+    def _limit_of(self, path: str) -> int:
+        if path.endswith(UPLOADS):
+            return self.upload_limit
+        return min(self.limit, ANONYMOUS_BYTES) if path in FORMS else self.limit
 
 
 def _too_large(limit: int) -> Response:

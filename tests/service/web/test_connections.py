@@ -243,6 +243,15 @@ def test_a_long_body_that_comes_fast_enough_is_read_to_its_end() -> None:
         assert read(one).endswith(b"20000\r\n0\r\n\r\n")
 
 
+def test_bytes_that_came_fast_allow_no_standstill_afterwards() -> None:
+    """By its mean rate this body might stand still for 100 s."""
+    with limited(body_rate=1000.0) as port, connect(port) as one:
+        one.send(b"POST / HTTP/1.1\r\ncontent-length: 200000\r\n\r\n" + b"x" * 100_000)
+        began = time.monotonic()
+        assert read(one).startswith(b"HTTP/1.1 408")
+        assert time.monotonic() - began < 20.0
+
+
 def test_headers_that_never_end_are_cut_off() -> None:
     with limited(header_s=PATIENCE_S) as port, connect(port) as one:
         one.send(b"GET / HTTP/1.1\r\n")

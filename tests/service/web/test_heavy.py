@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +19,7 @@ from dohyo.service.web import heavy
 from dohyo.service.web.heavy import HeavyWork
 from tests.evaluation.builders import ego, episode
 from tests.service.harness import assert_problem, running
-from tests.service.served import Service
+from tests.service.served import PATIENCE_S, Service
 from tests.service.shop import Shop
 
 
@@ -157,3 +159,36 @@ def test_maps_of_boxes_that_nobody_asked_for_before_keep_nobody_waiting(service:
         statuses = Counter(answer.status_code for answer in answers)
         assert set(statuses) == {200, 429}, statuses
         assert asked > 0
+
+
+def begun(service: Service, length: int, token: str = "") -> socket.socket:
+    """A connection on which a request has come, except its body."""
+    one = socket.create_connection(("127.0.0.1", service.port), timeout=PATIENCE_S)
+    about = f"host: x\r\ncontent-type: application/json\r\ncontent-length: {length}\r\n"
+    allowed = f"authorization: Bearer {token}\r\n" if token else ""
+    one.sendall(f"POST /v1/evaluations HTTP/1.1\r\n{about}{allowed}\r\n".encode())
+    return one
+
+
+def test_a_caller_without_a_token_is_answered_before_its_body_comes(service: Service) -> None:
+    for token in ("", "dohyo_nobody"):
+        with begun(service, 1_000_000, token) as one:
+            assert one.recv(100).startswith(b"HTTP/1.1 401")
+
+
+def test_long_bodies_that_come_at_once_keep_nobody_waiting(service: Service) -> None:
+    body = b"[" + b"1.5," * 300_000 + b"1]"
+    many = [begun(service, len(body), service.submitter_token) for _ in range(20)]
+    for one in many:
+        one.sendall(body[:-1])
+    time.sleep(1.0)
+    for one in many:
+        one.sendall(body[-1:])
+    began = time.monotonic()
+    assert httpx.get(f"{service.url}/health/live", timeout=120.0).status_code == 200
+    waited_s = time.monotonic() - began
+    statuses = [one.recv(12)[-3:] for one in many]
+    for one in many:
+        one.close()
+    assert set(statuses) <= {b"422", b"429"}
+    assert waited_s < 2.0

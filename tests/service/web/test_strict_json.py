@@ -11,7 +11,16 @@ from fastapi.routing import APIRoute
 
 from dohyo.service.accounts.model import Role
 from dohyo.service.app import ROUTERS
-from dohyo.service.web.strict_json import DEEPEST, MOST_KEYS, JsonError, StrictRoute, parse_json, readable
+from dohyo.service.web.strict_json import (
+    ANONYMOUS_BYTES,
+    DEEPEST,
+    MOST_KEYS,
+    MOST_VALUES,
+    JsonError,
+    StrictRoute,
+    parse_json,
+    readable,
+)
 from dohyo.service.wire.messages import Format
 from tests.service.harness import Caller, assert_problem, running
 
@@ -85,7 +94,8 @@ def test_a_hostile_document_is_refused_with_its_place_and_poisons_no_list(team: 
                 path.format(name="mine"), content=text, headers={"content-type": "application/json"}
             )  # fmt: skip
             assert_problem(answer, 422)
-            assert field in answer.json()["errors"][0]["where"] or "nesting" in answer.json()["detail"], answer.text
+            fault, detail = answer.json()["errors"][0], answer.json()["detail"]
+            assert field in fault["where"] or "nesting" in detail or "values in all" in detail, answer.text
     for path in LISTS:
         listed = team.get(path)
         assert listed.status_code == 200, (path, listed.text)
@@ -111,7 +121,8 @@ def test_the_spec_of_an_upload_is_as_strict(team: Caller, hostile: str) -> None:
     answer = team.client.post(
         "/v1/agents/mine/submissions/onnx", data={"spec": spec}, files={"file": b"x"}, headers=team.headers
     )
-    assert_problem(answer, 422, "settings.x" if "deep" not in hostile else "nesting")
+    words = {"deep lists": "nesting", "deep objects": "nesting", "thousands of values": "values in all"}
+    assert_problem(answer, 422, words.get(hostile, "settings.x"))
 
 
 @pytest.mark.parametrize("hostile", HOSTILE)
@@ -126,6 +137,35 @@ def test_a_worker_cannot_send_them_either(team: Caller, hostile: str) -> None:
 def test_a_sensor_is_taken_once(team: Caller, sensors: list[str]) -> None:
     order = {"kind": "remote", "sensors": sensors}
     assert_problem(team.post("/v1/agents/mine/submissions", order), 422, "expected each sensor once")
+
+
+def test_a_caller_without_a_token_sends_short_bodies_only(team: Caller) -> None:
+    long = b" " * (ANONYMOUS_BYTES + 1)
+    for path in ("/v1/rescore", "/v1/invitations/redeem", "/login", "/join"):
+        refused = team.client.post(path, content=long, headers={"content-type": "application/json"})
+        assert_problem(refused, 413, f"{ANONYMOUS_BYTES} bytes")
+    document = {"content-type": "application/json"}
+    assert_problem(team.client.post("/v1/agents", content=long, headers=document), 401)
+    assert team.post("/v1/rescore", content=long, headers=document).status_code == 422
+
+
+def test_the_longest_rules_of_an_organiser_pass(team: Caller) -> None:
+    rules = "\U0001f600" * 100_000  # twelve bytes each
+    answer = team.post(
+        "/v1/challenges",
+        content=json.dumps({"name": "long", "title": "Long", "rules": rules}),
+        headers={"content-type": "application/json"},
+    )
+    assert answer.status_code == 201, answer.text
+
+
+def test_values_are_counted_outside_of_texts() -> None:
+    assert parse_json(json.dumps([',"[{\\' * 10_000] * 3)) == [',"[{\\' * 10_000] * 3
+    assert len(parse_json(json.dumps(["a,b"] * (MOST_VALUES - 1)))) == MOST_VALUES - 1
+    assert len(parse_json(json.dumps([{"a\\": '"'}] * (MOST_VALUES // 2 - 1)))) == MOST_VALUES // 2 - 1
+    for many in ([0] * MOST_VALUES, [{"a": "b"}] * (MOST_VALUES // 2), ['\\"'] * MOST_VALUES, [[]] * MOST_VALUES):
+        with pytest.raises(JsonError, match="values in all"):
+            parse_json(json.dumps(many))
 
 
 def test_plain_documents_are_what_pythons_parser_reads() -> None:
