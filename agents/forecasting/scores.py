@@ -12,6 +12,7 @@ from dohyo.agents.forecasting.data.windows import HORIZON, Windows
 from dohyo.agents.forecasting.frontiers import Frontiers, congested, frontiers, known
 from dohyo.evaluation.statistics import mean_estimate
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,29 @@ def errors(forecaster: Forecaster, windows: Windows, free_mps: float) -> Errors:
 
 
 def errors_of(ahead: Float32Array, windows: Windows, free_mps: float) -> Errors:
-    """The errors of forecasts (B, 3, N), m/s, one for each window."""
+    """The errors of forecasts (B, 3, N), m/s, one for each window.
+
+    Raises:
+        InvalidInputError: A forecast is not finite.
+    """
+    check_finite(ahead)
     squared = by_stretch((ahead - windows.target) ** 2, windows)
     true = None if windows.truth is None else by_stretch((ahead - windows.truth) ** 2, windows)
     return Errors(squared, true, free_mps)
+
+
+def check_finite(ahead: Float32Array | FloatArray) -> None:
+    """Refuses forecasts (B, 3, N) that are not finite: means leave NaN out, as a speed that was not measured.
+
+    Raises:
+        InvalidInputError: See above.
+    """
+    wrong = ~np.isfinite(ahead)
+    if wrong.any():
+        raise InvalidInputError(
+            f"expected finite speeds of the forecaster, got {ahead[wrong][0]:g} in "
+            f"{int(wrong.any(axis=(1, 2)).sum())} of {len(ahead)} forecasts"
+        )
 
 
 def by_stretch(values: Float32Array, windows: Windows) -> FloatArray:

@@ -11,6 +11,7 @@ from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.speed_table import DAY_S
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, make_windows
 from dohyo.agents.forecasting.live.tracking import LEAST_ERRORS, shifts
+from dohyo.agents.forecasting.scores import check_finite
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -58,10 +59,12 @@ def forecast_now(forecaster: Forecaster, grid: Grid) -> Forecast:
         grid: The table.
 
     Raises:
-        InvalidInputError: The table has too few rows, or nothing was measured in the last eight.
+        InvalidInputError: The table has too few rows, nothing was measured in the last eight, or a forecast is not
+            finite, this one or one of past rows.
     """
     history = latest_steps(grid, HISTORY)
     ahead = forecaster.predict(history, grid.last_s % DAY_S)
+    check_finite(ahead[None])
     errors, windows = past_errors(forecaster, grid)
     return Forecast(
         made_s=grid.last_s,
@@ -100,6 +103,9 @@ def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
 
     See `tracking`. NaN where there are too few errors. Past rows that the forecaster was trained on
     make them too small.
+
+    Raises:
+        InvalidInputError: A forecast is not finite.
     """
     none = np.full((HORIZON, len(grid.names)), np.nan)
     try:
@@ -107,6 +113,8 @@ def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
     except InvalidInputError:
         return none, 0
     windows = windows.chosen(np.arange(max(0, len(windows) - MOST_WINDOWS), len(windows)))
-    off = np.abs(forecaster.predict_many(windows.history, windows.time_s) - windows.target)
+    ahead = forecaster.predict_many(windows.history, windows.time_s)
+    check_finite(ahead)
+    off = np.abs(ahead - windows.target)
     enough = np.isfinite(off).sum(axis=0) >= LEAST_ERRORS
     return np.where(enough, np.maximum(shifts(off, windows)[-1], 0.0), none), len(windows)

@@ -11,12 +11,25 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from dohyo.agents.forecasting.data.reading import read_latest
 from dohyo.agents.forecasting.data.speed_table import Stretch
 from dohyo.agents.forecasting.data.windows import make_windows
+from dohyo.agents.forecasting.live.now import forecast_now
 from dohyo.agents.forecasting.scores import by_stretch, errors
 from dohyo.agents.forecasting.simple import Persistence
 from dohyo.service.cli import app
-from tests.agents.forecasting.roads import road_speeds, road_stretch
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.agents.forecasting.roads import road_speeds, road_stretch, write_csv
+
+
+class SilentWhenSlow(Persistence):
+    """Persistence that gives NaN where a forecast is likely to be wrong."""
+
+    def predict_many(self, histories: Float32Array, time_s: FloatArray | None = None) -> Float32Array:
+        ahead = super().predict_many(histories, time_s)
+        return np.where(ahead < 20.0, np.float32(np.nan), ahead)
+
 
 DAYS = [road_stretch(40, 4, seed, missing=0.1) for seed in range(5)]
 
@@ -63,3 +76,15 @@ def test_a_table_whose_last_day_ends_in_silence_is_evaluated(tmp_path: Path) -> 
     test = json.loads(result.stdout)["sets"]["test"]
     assert test["stretches"] == 2, "the last one has no value two rows ahead"
     assert all(np.isfinite(test["persistence"]["rmse_kmh"]))
+
+
+def test_a_forecast_that_is_not_finite_is_no_missing_speed(tmp_path: Path) -> None:
+    speeds = np.where(np.arange(200) < 150, 30.0, 10.0)[:, None] + np.random.default_rng(0).normal(size=(200, 1))
+    windows = make_windows([Stretch("d", 0.0, speeds.astype(np.float32))], 60.0)
+    with pytest.raises(InvalidInputError, match=r"expected finite speeds of the forecaster, got nan in \d+ of 190"):
+        errors(SilentWhenSlow(1), windows, 30.0)
+    fast = np.full((8, 1), 30.0)
+    for rows in (speeds, np.concatenate([speeds, fast])):  # the present forecast too, or past ones alone
+        table = write_csv(tmp_path / "t.csv", rows)
+        with pytest.raises(InvalidInputError, match="expected finite speeds of the forecaster, got nan in"):
+            forecast_now(SilentWhenSlow(1), read_latest(table))
