@@ -14,6 +14,8 @@ import numpy as np
 
 from dohyo.agents.speed_planning.benchmark import morning_of
 from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, DissipationEnv
+from dohyo.evaluation.blame import RAISED, is_blameless
+from dohyo.evaluation.episode.guarded_agent import WARM_UP_DEADLINE_S
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWatch
 from dohyo.service.freeway.planner import DECIDES_EVERY_S, STATE
@@ -55,7 +57,6 @@ def drive_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
         gauge.begin()
         policy = OnnxPolicy(**order.info.settings)
         try:
-            policy.start()
             _drive(order, scenario, env, _planned_by(policy, gauge.watch))
         finally:
             policy.close()
@@ -73,12 +74,20 @@ def drive_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
 
 
 def _planned_by(policy: OnnxPolicy, watch: Callable[[float], None]) -> Plan:
+    """Plans of a policy; its process starts with the first, so that a model which cannot be loaded has failed."""
+
     def plan(number: int, speeds: Float32Array, time_s: float) -> np.ndarray:
-        with watched(watch, policy.limits.decision_s):
-            try:
+        try:
+            with watched(watch, policy.limits.decision_s if number else WARM_UP_DEADLINE_S):
+                if number == 0:
+                    policy.start()
                 return checked(policy.act({STATE: speeds}), speeds.shape)
-            except InvalidInputError as error:
-                raise InvalidActionError(str(error)) from error
+        except InvalidInputError as error:
+            raise InvalidActionError(str(error)) from error
+        except RAISED as error:
+            if isinstance(error, AgentError) or is_blameless(error, policy):
+                raise
+            raise AgentError(f"the policy raised {type(error).__name__}: {error}") from error
 
     return plan
 

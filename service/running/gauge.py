@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-GAUGE_BYTES: Final = 40
-_DUE, _BEGAN, _AGENT, _EGO, _SLOWEST = range(5)  # float64 each
+_DUE, _BEGAN, _AGENT, _EGO, _SLOWEST, _CALLED = range(6)  # float64 each
+GAUGE_BYTES: Final = 48
 
 
 class Gauge:
@@ -18,7 +18,7 @@ class Gauge:
     def __init__(self, descriptor: int) -> None:
         """Maps a file of `GAUGE_BYTES` that both processes have open."""
         self._values = memoryview(mmap.mmap(descriptor, GAUGE_BYTES)).cast("d")
-        self._called, self._taken_s = 0.0, dict[int, float]()
+        self._taken_s = dict[int, float]()
 
     @property
     def due(self) -> float:
@@ -32,8 +32,14 @@ class Gauge:
 
     @property
     def agent_s(self) -> float:
-        """Wall-clock time that the agent has taken for its decisions."""
+        """Wall-clock time that the agent has taken for its decisions, without one that it still makes."""
         return self._values[_AGENT]
+
+    @property
+    def deciding_s(self) -> float:
+        """Wall-clock time of the decision that the agent still makes; 0 while none is called."""
+        called = self._values[_CALLED]
+        return time.monotonic() - called if called else 0.0
 
     @property
     def ego(self) -> int:
@@ -47,8 +53,8 @@ class Gauge:
 
     def clear(self) -> None:
         """A new order begins."""
-        self._called, self._taken_s = 0.0, {}
-        for place in (_DUE, _BEGAN, _AGENT, _EGO, _SLOWEST):
+        self._taken_s = {}
+        for place in (_DUE, _BEGAN, _AGENT, _EGO, _SLOWEST, _CALLED):
             self._values[place] = 0.0
 
     def begin(self) -> None:
@@ -58,16 +64,17 @@ class Gauge:
     def watch(self, seconds: float, ego: int = 0) -> None:
         """The agent of an ego is called and may take so long; 0: it has returned."""
         now = time.monotonic()
+        called = self._values[_CALLED]
         if seconds:
-            self._called = now
+            self._values[_CALLED] = now
             self._values[_EGO] = ego
             self._values[_DUE] = now + seconds
-        elif self._called:
+        elif called:
             self._values[_DUE] = 0.0
-            self._values[_AGENT] += now - self._called
-            self._taken_s[self.ego] = self._taken_s.get(self.ego, 0.0) + now - self._called
+            self._values[_AGENT] += now - called
+            self._values[_CALLED] = 0.0
+            self._taken_s[self.ego] = self._taken_s.get(self.ego, 0.0) + now - called
             self._values[_SLOWEST] = max(self._taken_s, key=self._taken_s.__getitem__)
-            self._called = 0.0
 
     def watch_worker(self, seconds: float, ego: int = 0) -> None:
         """The same for an agent elsewhere: the server knows its deadlines, and it begins with the first decision."""

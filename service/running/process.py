@@ -199,7 +199,7 @@ class EpisodeProcess:
         elif gauge.agent_s > limit_s / 2:
             text = f"agent took more than {limit_s / 2:g} s for the decisions of one episode"
             self.kill(Outcome(End.HUNG, text, ego=gauge.slowest))
-        elif gauge.began > 0.0 and now - gauge.began - gauge.agent_s > limit_s:
+        elif gauge.began > 0.0 and now - gauge.began - gauge.agent_s - gauge.deciding_s > limit_s:
             # Its agent's time is apart: else a slow agent could make its drive a fault of the machine.
             text = f"simulation took more than {limit_s:g} s; its agent took {gauge.agent_s:.0f} s"
             self.kill(Outcome(End.FAILED, text))

@@ -121,9 +121,14 @@ class Bridge:
         try:
             self._actions = self._checked(decode(payload[1:], FORMATS[payload[0]]))
         except DohyoError as error:
-            self._channel.send(Kind.REFUSED, str(error)[:1000].encode())
-            return False
+            return self._refuse(str(error))
+        except Exception as error:  # no bytes of a worker may look like a fault of the simulation, which costs nothing
+            return self._refuse(f"expected actions, got what cannot be read: {type(error).__name__}: {error}")
         return True
+
+    def _refuse(self, why: str) -> Literal[False]:
+        self._channel.send(Kind.REFUSED, why[:1000].encode(errors="replace"))
+        return False
 
     def _checked(self, actions: object) -> dict[str, np.ndarray]:
         if not isinstance(actions, dict) or not all(ego in actions for ego in self._deciding):

@@ -153,7 +153,10 @@ def _unpacked(value: Mapping[str, Any]) -> np.ndarray:
     size = math.prod(shape)
     if size * kind.itemsize != len(data):
         raise InvalidInputError(f"expected {size} values of {dtype} for shape {list(shape)}, got {len(data)} bytes")
-    return np.frombuffer(data, kind).reshape(shape)
+    try:
+        return np.frombuffer(data, kind).reshape(shape)
+    except ValueError:  # an empty array too has a largest shape
+        raise InvalidInputError(f"expected an array of a possible shape, got {list(shape)}") from None
 
 
 def plain(value: Any) -> Any:

@@ -198,10 +198,10 @@ def _reason(document: Any) -> tuple[Fault | None, str]:
         given = msgspec.convert(document, Release)
     except msgspec.ValidationError as error:
         raise InvalidInputError(f"expected {{reason, error}}: {error}") from None
+    text = readable(given.reason if given.error is None else given.error[:LONGEST_TEXT]).strip() or "no reason given"
     if given.error is None:
-        return None, readable(given.reason) or "no reason given"
-    fault = Fault.INVALID_ACTION if given.reason == Fault.INVALID_ACTION else Fault.RAISED
-    return fault, readable(given.error[:LONGEST_TEXT])
+        return None, text
+    return (Fault.INVALID_ACTION if given.reason == Fault.INVALID_ACTION else Fault.RAISED), text
 
 
 def _given(lease: Lease) -> Granted:

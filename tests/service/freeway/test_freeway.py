@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,9 +24,11 @@ from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker_session import BadActionError, WorkerSession
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
-from dohyo.service.evaluations.scoring import MORNING_SCORES, summary_of_morning
-from dohyo.service.freeway.drive import FASTEST_MPS, checked, last_report, vehicles
+from dohyo.service.evaluations.scoring import MORNING_SCORES, is_agent_fault, summary_of_morning
+from dohyo.service.freeway.drive import FASTEST_MPS, checked, drive_morning, last_report, vehicles
 from dohyo.service.freeway.planner import plan_shape
+from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
+from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.submissions.model import AgentKind
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.harness import Harness, assert_problem, finish, running
@@ -262,3 +266,30 @@ def test_a_vehicle_near_its_leader_is_left_to_its_driver() -> None:
     told = vehicles(seen)
     assert [*told] == ["v2"]  # v1 is too close, v3 has no plan
     np.testing.assert_allclose(told["v2"], [15.0])
+
+
+def test_a_policy_that_cannot_be_loaded_is_a_fault_of_the_agent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A morning that the infrastructure lost would be driven again at no cost."""
+    content = b"no model at all"
+    monkeypatch.setenv("DOHYO_POLICIES", str(tmp_path))
+    sha256 = hashlib.sha256(content).hexdigest()
+    (tmp_path / f"{sha256}.onnx").write_bytes(content)
+    settings = {"sha256": sha256, "track": "privileged", "sensors": ["speeds"], "control": "target_speeds"}
+    order = EpisodeOrder(
+        scenario=MorningScenario(benchmark=benchmark(1), seed=3),
+        info=planner("broken").model_copy(update={"settings": settings}),
+        benchmark=("night", "0"),
+        directory=tmp_path,
+        stem="morning-s3",
+        act_deadline_s=10.0,
+    )
+    with tempfile.TemporaryFile() as shared:
+        shared.truncate(GAUGE_BYTES)
+        gauge = Gauge(shared.fileno())
+    drive_morning(order, order.scenario, None, gauge)  # type: ignore[arg-type]  # no worker, no channel
+    record = MorningRecord.read(tmp_path / "morning-s3.json")
+    assert "protobuf parsing failed" in (record.failure or "")
+    assert (record.plans, record.outcome) == (0, {})
+    assert is_agent_fault(record)

@@ -179,22 +179,28 @@ def test_a_lot_is_driven_again_after_its_worker_and_the_service_were_killed(
     assert there == [one.motion_sha256 for one in local]
 
 
-def test_bad_actions_are_refused_and_a_failed_worker_is_the_agents_fault(client: Client, service: Service) -> None:
+@pytest.mark.parametrize(
+    ("name", "error", "failure"),
+    [("failing", "it hit its head", "it hit its head"), ("silent", "\n", "no reason given")],
+)
+def test_bad_actions_are_refused_and_a_failed_worker_is_the_agents_fault(
+    client: Client, service: Service, name: str, error: str, failure: str
+) -> None:
     evaluation = service.submit(
-        AgentInfo(name="failing", kind="remote", entry=GREEDY, **_facts()), load_parking_benchmark("parking-simple")
+        AgentInfo(name=name, kind="remote", entry=GREEDY, **_facts()), load_parking_benchmark("parking-simple")
     )
-    with WorkerSession(service.url, service.token, "failing") as session:
+    with WorkerSession(service.url, service.token, name) as session:
         drive = _acquired(session)
         assert drive.observations["ego"]["parking-oriented"].shape == (64,)
         for bad, said in ((np.zeros(2), "3 numbers"), (np.array([0.0, np.nan, 0.0]), "finite")):
             with pytest.raises(BadActionError, match=said):
                 session.step(drive, {"ego": bad})
         session.step(drive, {"ego": np.array([9.0, 0.0, -9.0])})  # moved into the bounds
-        session.release(drive, "the agent failed", "it hit its head")
+        session.release(drive, "the agent failed", error)
     assert service.wait(evaluation).status is EvaluationStatus.DONE
     (episode,) = service.episodes(evaluation)
     (kart,) = client.record(episode.id)["karts"]
-    assert (kart["ending"], kart["failure"]) == ("failed", "it hit its head")
+    assert (kart["ending"], kart["failure"]) == ("failed", failure)
     assert episode.summary is not None
     assert episode.summary["egos"][0]["status"] == "failed: agent raised"
 

@@ -14,21 +14,21 @@ from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from tests.service.served import STEADY, info_of, short
 
 SLUGGISH = "tests.evaluation.agents:Sluggish"
+HANGS = "tests.evaluation.agents:Hangs"
 
 
-def order(folder: Path, entry: str) -> EpisodeOrder:
+def order(folder: Path, entry: str, act_deadline_s: float) -> EpisodeOrder:
     (scenario,) = short().scenarios([0])
-    info = info_of(entry)
-    return EpisodeOrder(
-        scenario=scenario, info=info, benchmark=("b", "0" * 64), directory=folder, stem=info.name, act_deadline_s=10.0
-    )
+    info, benchmark = info_of(entry), ("b", "0" * 64)
+    facts = {"scenario": scenario, "info": info, "benchmark": benchmark, "directory": folder, "stem": info.name}
+    return EpisodeOrder(**facts, act_deadline_s=act_deadline_s)  # type: ignore[arg-type]
 
 
-async def drive(folder: Path, entry: str, limit_s: float) -> Outcome:
+async def drive(folder: Path, entry: str, limit_s: float, act_deadline_s: float = 10.0) -> Outcome:
     process = EpisodeProcess(folder)
     await process.start()
     try:
-        return await process.drive(order(folder, entry), limit_s)
+        return await process.drive(order(folder, entry, act_deadline_s), limit_s)
     finally:
         await process.close()
 
@@ -48,6 +48,12 @@ def test_a_drive_beyond_the_limit_is_the_machines_fault_where_the_agent_was_fast
     assert "simulation took more than 0.02 s; its agent took 0 s" in outcome.text
 
 
+def test_a_decision_that_still_runs_is_no_time_of_the_simulation(tmp_path: Path) -> None:
+    """A slow decision near the limit would make its drive the machine's fault, which is driven again."""
+    outcome = asyncio.run(drive(tmp_path, HANGS, 5.0, act_deadline_s=6.5))
+    assert outcome.end in (End.HUNG, End.FINISHED), outcome.text
+
+
 def test_the_time_in_calls_of_the_agent_is_summed(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
     monkeypatch.setattr("dohyo.service.running.gauge.time.monotonic", lambda: clock[0])
@@ -60,8 +66,9 @@ def test_the_time_in_calls_of_the_agent_is_summed(monkeypatch: pytest.MonkeyPatc
         assert server.ego == ego
         assert server.due == clock[0] + 10.0
         clock[0] += seconds
+        assert server.deciding_s == seconds
         process.watch(0.0)
-        assert server.due == 0.0
+        assert (server.due, server.deciding_s) == (0.0, 0.0)
         clock[0] += 7.0
     process.watch(10.0, 0)
     process.watch(0.0, 0)

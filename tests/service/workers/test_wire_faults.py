@@ -86,6 +86,7 @@ def test_nonsense_is_refused_with_what_was_expected_and_hurts_nothing(service: S
         ({"ego": [None, 0.0]}, "got null"),
         ({"ego": [1.0, 0.0], "ghost": [1.0, 0.0]}, "expected actions of ['ego'] only, got ['ghost'] too"),
         ({"ego": {"shape": [9], "dtype": "float32", "data": b"12"}}, "9 values"),
+        ({"ego": {"shape": [0, *[10**6] * 7], "dtype": "float32", "data": b""}}, "a possible shape"),
         ({"ego": [[1.0], [2.0, 3.0]]}, "array"),
         ({}, "each of ['ego']"),
         ([1.0, 0.0], "each of ['ego']"),
