@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from datetime import timedelta
 from typing import Final
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.model import Token
@@ -53,8 +53,7 @@ def list_invitations(session: Session, challenge: Challenge, limit: int, after: 
 def count_open_invitations(session: Session, challenge: Challenge) -> int:
     """Number of a challenge's invitations that can still be redeemed."""
     query = select(func.count()).select_from(Invitation).where(Invitation.challenge_id == challenge.id)
-    query = query.where(Invitation.redeemed.is_(None), Invitation.revoked.is_(None), Invitation.expires > now())
-    return session.scalar(query) or 0
+    return session.scalar(query.where(*_is_open())) or 0
 
 
 def find_open_invitation(session: Session, code: str) -> Invitation:
@@ -92,7 +91,7 @@ def redeem(session: Session, invitation: Invitation, owner: str, team: str | Non
         team: Name of the new team, where the invitation names none; None: the owner's name.
 
     Raises:
-        ConflictError: The owner is a participant already, or the name of the new team is taken.
+        ConflictError: The owner is a participant already, or the name of the new team is taken or in an invitation.
         ForbiddenError: The owner organises the challenge, and so knows its secrets.
     """
     challenge = session.get_one(Challenge, invitation.challenge_id)
@@ -126,13 +125,24 @@ def _team(session: Session, challenge: Challenge, invitation: Invitation, name: 
     wanted = invitation.team or name
     same = (Team.challenge_id == challenge.id, func.lower(Team.name) == wanted.lower())
     team = session.scalar(select(Team).where(*same))
-    if team is not None and invitation.team is None:
+    if invitation.team is None and (team is not None or _is_promised(session, challenge, wanted)):
         raise ConflictError(f"team '{wanted}' exists; choose another name, or ask the organiser for a place in it")
     if team is None:
         team = Team(id=new_id("tm"), challenge_id=challenge.id, name=wanted)
         session.add(team)
         session.flush()
     return team
+
+
+def _is_promised(session: Session, challenge: Challenge, team: str) -> bool:
+    """Whether an open invitation names a team: its bearer would come into the team of whoever had made it before."""
+    same = (Invitation.challenge_id == challenge.id, func.lower(Invitation.team) == team.lower())
+    return session.scalar(select(Invitation.id).where(*same, *_is_open()).limit(1)) is not None
+
+
+def _is_open() -> tuple[ColumnElement[bool], ...]:
+    """Conditions on `Invitation`: it can still be redeemed."""
+    return Invitation.redeemed.is_(None), Invitation.revoked.is_(None), Invitation.expires > now()
 
 
 def _digest(code: str) -> str:

@@ -6,6 +6,7 @@ import threading
 from datetime import timedelta
 from typing import Any
 
+import httpx
 import pytest
 from sqlalchemy import select, update
 
@@ -191,6 +192,24 @@ def test_codes_that_admit_nobody(service: Harness) -> None:
     assert_problem(reader.post("/v1/invitations/redeem", {"code": second["code"]}), 403, "submitter")
     bob = {"code": second["code"], "owner": "bob", "team": "RED"}
     assert_problem(service.client.post("/v1/invitations/redeem", json=bob), 409, "team 'RED' exists")
+
+
+def test_nobody_makes_the_team_that_an_open_invitation_names(service: Harness) -> None:
+    """The invited one would join it, and a team has one place and few runs."""
+    organiser = service.caller("lab", Role.ORGANISER)
+    make_challenge(organiser)
+    made = [organiser.post("/v1/challenges/cup/invitations", order).json() for order in ({"team": "Blue"}, {}, {})]
+    for_ann, for_mallory, for_bob = (one["code"] for one in made)
+
+    def redeemed(code: str, owner: str, **order: str) -> httpx.Response:
+        return service.client.post("/v1/invitations/redeem", json={"code": code, "owner": owner, **order})
+
+    assert_problem(redeemed(for_mallory, "mallory", team="BLUE"), 409, "team 'BLUE' exists")
+    assert_problem(redeemed(for_mallory, "blue"), 409, "team 'blue' exists")
+    assert redeemed(for_mallory, "mallory", team="red").json()["team"] == "red"
+    assert organiser.delete(f"/v1/challenges/cup/invitations/{made[0]['id']}").status_code == 204
+    assert redeemed(for_bob, "bob", team="blue").json()["team"] == "blue"
+    assert_problem(redeemed(for_ann, "ann"), 404, "no open invitation")
 
 
 # Who may enter

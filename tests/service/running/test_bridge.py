@@ -1,4 +1,4 @@
-"""The lockstep with a worker, in the episode's process: whatever the worker sends is driven, or refused with a reason."""
+"""The lockstep with a worker, in the episode's process: what the worker sends is driven, or refused with a reason."""
 
 from __future__ import annotations
 
