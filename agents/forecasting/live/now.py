@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dohyo.agents.forecasting.base import Forecaster
 from dohyo.agents.forecasting.data.grid import Grid
-from dohyo.agents.forecasting.data.speed_table import DAY_S
+from dohyo.agents.forecasting.data.speed_table import DAY_S, Stretch
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON, make_windows
 from dohyo.agents.forecasting.live.tracking import LEAST_ERRORS, shifts
 from dohyo.agents.forecasting.scores import check_finite
@@ -108,8 +108,9 @@ def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
         InvalidInputError: A forecast is not finite.
     """
     none = np.full((HORIZON, len(grid.names)), np.nan)
+    *before, last = grid.stretches("past")
     try:
-        windows = make_windows(grid.stretches("past"), grid.step_s)
+        windows = make_windows([*before, _open_end(last)], grid.step_s)
     except InvalidInputError:
         return none, 0
     windows = windows.chosen(np.arange(max(0, len(windows) - MOST_WINDOWS), len(windows)))
@@ -118,3 +119,9 @@ def past_errors(forecaster: Forecaster, grid: Grid) -> tuple[FloatArray, int]:
     off = np.abs(ahead - windows.target)
     enough = np.isfinite(off).sum(axis=0) >= LEAST_ERRORS
     return np.where(enough, np.maximum(shifts(off, windows)[-1], 0.0), none), len(windows)
+
+
+def _open_end(one: Stretch) -> Stretch:
+    """A stretch with rows to come, so that windows of which only the first target rows are known count too."""
+    to_come = np.full((HORIZON - 1, one.speeds.shape[1]), np.nan, dtype=np.float32)
+    return replace(one, speeds=np.concatenate([one.speeds, to_come]), truth=None)

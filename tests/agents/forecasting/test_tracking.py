@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dohyo.agents.forecasting.data.grid import Rows, on_grid
 from dohyo.agents.forecasting.data.speed_table import Stretch
 from dohyo.agents.forecasting.data.windows import Windows, make_windows
+from dohyo.agents.forecasting.live.now import forecast_now
 from dohyo.agents.forecasting.live.tracking import LEAST_ERRORS, shifts, tracked, tracked_coverage
 from dohyo.agents.forecasting.quantiles import conformal_quantile
 from dohyo.agents.forecasting.scores import coverage
+from dohyo.agents.forecasting.simple import Persistence
 from dohyo.sumo_networks.arrays import Float32Array
 
 
@@ -80,3 +83,16 @@ def test_coverage_is_of_forecasts_that_have_an_interval(minutes: int) -> None:
         assert (width > 0.0).all()
     if minutes == 400:
         assert (np.abs(inside - 0.9) < 0.03).all()
+
+
+def test_intervals_of_now_are_those_whose_coverage_is_counted() -> None:
+    """The last error known one row ahead is of the last row, two rows ahead of the same row, and so on."""
+    speeds = day([0.5] * 100 + [4.0] * 60, seed=3).speeds
+    grid = on_grid([Rows("t", 60.0 * np.arange(160), ("a", "b"), speeds)], None, 0.5, None)
+    windows, persistence = make_windows(grid.stretches("t"), 60.0), Persistence(2)
+    ahead = persistence.predict_many(windows.history)
+    counted = tracked(np.stack([ahead] * 3, axis=2), windows)
+    for one in (40, 93, 94, 95, 100, 148):
+        rows = int(windows.row[one]) + 1
+        now = forecast_now(persistence, replace(grid, place=grid.place[:rows], speeds=grid.speeds[:rows]))
+        np.testing.assert_allclose(now.high - now.ahead, counted[one, :, 2] - ahead[one], atol=1e-3)
