@@ -78,14 +78,23 @@ class Database:
         with Session(self.engine, expire_on_commit=False, autoflush=False) as session:
             yield session
 
+    def is_migrated(self) -> bool:
+        """Whether the tables are those of the current models.
+
+        Raises:
+            InvalidInputError: Another version of dohyo made the tables, and no migration leads from them.
+        """
+        scripts = ScriptDirectory.from_config(_migrations())
+        with self.engine.connect() as connection:
+            return _check_revision(connection, scripts) == set(scripts.get_heads())
+
     def migrate(self) -> None:
         """Migrates the tables to the current models; services that start at the same time wait for each other.
 
         Raises:
             InvalidInputError: Another version of dohyo made the tables, and no migration leads from them.
         """
-        config = AlembicConfig()
-        config.set_main_option("script_location", str(MIGRATIONS))
+        config = _migrations()
         with self._writing.begin() as connection:
             if not self.is_sqlite:
                 connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
@@ -113,14 +122,34 @@ def serialise(session: Session) -> None:
         session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _ENQUEUE_LOCK})
 
 
-def _check_revision(connection: Connection, scripts: ScriptDirectory) -> None:
+def surviving(options: str) -> dict[str, str | int]:
+    """Arguments of a connection to PostgreSQL of which both sides notice within half a minute that the network is gone.
+
+    Args:
+        options: Further options of the session, as on PostgreSQL's command line.
+    """
+    keep_alive = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+    theirs = [f"-c tcp_{name}={value}" for name, value in keep_alive.items()]
+    return {"options": " ".join([options, *theirs]), "tcp_user_timeout": 10_000, **keep_alive}
+
+
+def _migrations() -> AlembicConfig:
+    config = AlembicConfig()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    return config
+
+
+def _check_revision(connection: Connection, scripts: ScriptDirectory) -> set[str]:
+    """Revision of the tables; empty: there are none."""
     known = {script.revision for script in scripts.walk_revisions()}
-    for found in MigrationContext.configure(connection).get_current_heads():
+    there = set(MigrationContext.configure(connection).get_current_heads())
+    for found in there:
         if found not in known:
             raise InvalidInputError(
                 f"database: its tables have revision '{found}', expected {' or '.join(sorted(known))}: another version"
                 " of dohyo made them; serve them with that version, or choose a new --data folder or --database"
             )
+    return there
 
 
 def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
@@ -140,7 +169,7 @@ def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
     options = f"-c lock_timeout={milliseconds} -c statement_timeout={milliseconds * 6} -c timezone=UTC"
     return create_engine(
         parsed.set(drivername="postgresql+psycopg"),
-        connect_args={"options": options, "connect_timeout": max(2, int(busy_s))},
+        connect_args={**surviving(options), "connect_timeout": max(2, int(busy_s))},
         pool_size=pool,
         max_overflow=pool,
         pool_timeout=busy_s,

@@ -9,12 +9,15 @@ from itertools import chain, repeat
 from typing import TYPE_CHECKING, TypeVar
 
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import TimeoutError as NoConnectionError
 from sqlalchemy.orm import Session
 
 if TYPE_CHECKING:
     from dohyo.service.database.engine import Database
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0, 10.0)
+REFUSALS = (OperationalError, NoConnectionError, OSError)
+"""Errors that pass: the database is locked, full or unreachable, or all connections are in use."""
 T = TypeVar("T")
 
 logger = logging.getLogger("dohyo.database")
@@ -36,8 +39,8 @@ class PatientDatabase:
         """Reads from the database in a thread.
 
         Raises:
-            OperationalError: The database refuses, and the service has stopped or the caller is not patient.
-            OSError: The same.
+            OperationalError, NoConnectionError, OSError: The database refuses, and the service has stopped or the
+                caller is not patient.
         """
 
         def once() -> T:
@@ -50,8 +53,8 @@ class PatientDatabase:
         """Changes the database in one transaction, in a thread.
 
         Raises:
-            OperationalError: The database refuses, and the service has stopped or the caller is not patient.
-            OSError: The same.
+            OperationalError, NoConnectionError, OSError: The database refuses, and the service has stopped or the
+                caller is not patient.
         """
 
         def once() -> T:
@@ -64,8 +67,8 @@ class PatientDatabase:
         """Does work that has its own transactions, in a thread; after a refusal all of it is done again.
 
         Raises:
-            OperationalError: The database refuses, and the service has stopped or the caller is not patient.
-            OSError: The same.
+            OperationalError, NoConnectionError, OSError: The database refuses, and the service has stopped or the
+                caller is not patient.
         """
         return await self._patiently(lambda: work(self._database), patient)
 
@@ -73,7 +76,7 @@ class PatientDatabase:
         for pause in chain(RETRY_S, repeat(RETRY_S[-1])):
             try:
                 return await asyncio.to_thread(once)
-            except (OperationalError, OSError) as error:
+            except REFUSALS as error:
                 if self.stopped or not patient:
                     raise
                 logger.warning("the database refuses, trying again: %s", error)

@@ -24,7 +24,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Mapped, mapped_column
 
 from dohyo.service.database.base import Base, now
-from dohyo.service.database.engine import Database
+from dohyo.service.database.engine import Database, surviving
 from dohyo.sumo_networks.errors import InvalidInputError
 
 WATCH_S: Final = 1.0
@@ -177,15 +177,7 @@ class _AdvisoryLock:
     """A session's advisory lock of PostgreSQL, on a connection that is used for nothing else."""
 
     def __init__(self, database: Database) -> None:
-        # Both sides notice within half a minute that the network is gone.
-        keep_alive = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
-        arguments = {
-            "application_name": APPLICATION,
-            "connect_timeout": 5,
-            "tcp_user_timeout": 10_000,
-            "options": " ".join(f"-c tcp_{name}={value}" for name, value in keep_alive.items()),
-            **keep_alive,
-        }
+        arguments = {**surviving(""), "application_name": APPLICATION, "connect_timeout": 5}
         self._engine = create_engine(
             database.engine.url, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=arguments
         )
