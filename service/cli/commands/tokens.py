@@ -17,6 +17,7 @@ from dohyo.service.accounts.views import view_token
 from dohyo.service.cli.commands.serve import make_settings
 from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
 from dohyo.service.database.engine import Database
+from dohyo.service.database.server_lock import server_lock
 from dohyo.sumo_networks.errors import InvalidInputError
 
 Data = Annotated[Path | None, typer.Option(help="Folder of the service's data.")]
@@ -77,7 +78,9 @@ def _session(data: Path | None, url: str | None) -> Iterator[Session]:
         raise InvalidInputError(f"'{settings.data}' holds no data of a service; `dohyo serve --data` creates it")
     database = Database(settings.database_url)
     try:
-        database.migrate()
+        if not database.is_migrated():
+            with server_lock(database):  # migrates: a server of the earlier version would go on with other tables
+                pass
         with database.session() as session:
             yield session
     finally:
