@@ -63,9 +63,11 @@ def close_ended(services: Services) -> None:
     """Makes the boards of all ended phases final."""
     with services.database.reading() as session:
         ended = session.scalars(select(Ranking).where(Ranking.ends <= now(), Ranking.finalised.is_(None))).all()
-        headlines = {one.id: _headline(session, one) for one in ended}
     for ranking in ended:
-        final_rows(services.database, Standings(), ranking, headlines[ranking.id])
+        try:
+            final_rows(services.database, Standings(), ranking, _headline(services.database, ranking))
+        except Exception:  # tried again; the other phases must not wait for it
+            logger.exception("phase %s cannot be made final", ranking.id)
 
 
 def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:
@@ -74,8 +76,9 @@ def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:
         return session.get_one(Ranking, ranking.id, with_for_update=True)
 
 
-def _headline(session: Session, ranking: Ranking) -> str:
-    document = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).document
+def _headline(database: Database, ranking: Ranking) -> str:
+    with database.reading() as session:
+        document = session.get_one(BenchmarkVersion, ranking.benchmark_sha256).document
     return str(read_benchmark(document).headline)
 
 

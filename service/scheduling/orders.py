@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import Literal, cast
 
@@ -13,6 +14,9 @@ from dohyo.service.scheduling.queue import Ticket
 from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.wire.messages import Format, encode
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+
+logger = logging.getLogger("dohyo.scheduler")
 
 
 class Orders:
@@ -33,11 +37,24 @@ class Orders:
         Raises:
             DohyoError: The episode cannot be driven, or no worker could be told of it.
         """
+        try:
+            order = self._order(ticket)
+        except DohyoError:
+            raise
+        except Exception as error:  # stored by another version, or damaged: no attempt would succeed
+            logger.exception("episode %s has no order", ticket.episode_id)
+            what = f"its stored benchmark or agent cannot be read ({type(error).__name__})"
+            raise InvalidInputError(f"{what}; the log of the service tells more") from error
+        if order.remote:
+            encode(order.told(ticket.waiting.version), Format.MSGPACK)  # refuses what no worker could ever be told
+        return order
+
+    def _order(self, ticket: Ticket) -> EpisodeOrder:
         scenarios = self._scenarios.get(ticket.evaluation_id)
         if scenarios is None:
             scenarios = read_benchmark(ticket.document).scenarios(ticket.seeds)
             self._scenarios[ticket.evaluation_id] = scenarios
-        order = EpisodeOrder(
+        return EpisodeOrder(
             scenario=scenarios[ticket.position],
             info=AgentInfo.model_validate(ticket.info),
             others={ego: AgentInfo.model_validate(info) for ego, info in ticket.others.items()},
@@ -49,6 +66,3 @@ class Orders:
             slow_policy=cast(Literal["wait", "realtime"], ticket.slow_policy),
             agent_seed=ticket.agent_seed,
         )
-        if order.remote:
-            encode(order.told(ticket.waiting.version), Format.MSGPACK)  # refuses what no worker could ever be told
-        return order

@@ -15,7 +15,7 @@ from dohyo.service.boards.model import Ranking
 from dohyo.service.challenges.closing import close_ended
 from dohyo.service.challenges.model import Invitation
 from dohyo.service.database.base import now
-from dohyo.service.evaluations.model import Evaluation, EvaluationStatus
+from dohyo.service.evaluations.model import BenchmarkVersion, Evaluation, EvaluationStatus
 from dohyo.service.scheduling import queue
 from dohyo.service.webhooks.model import Delivery
 from tests.service.challenges.driving import admit, complete, end, enter, in_days, make_challenge
@@ -96,6 +96,21 @@ def test_phases_on_benchmarks_of_every_family_become_final(service: Harness, ben
     close_ended(service.services)
     with service.services.database.session() as session:
         assert all(session.get_one(Ranking, ranking).finalised for ranking in rankings)
+
+
+def test_a_phase_whose_benchmark_cannot_be_read_keeps_no_other_open(service: Harness) -> None:
+    organiser, database = service.caller("lab", Role.ORGANISER), service.services.database
+    damaged = make_challenge(organiser, benchmark="parking-simple", draw_seeds=None)
+    sound = make_challenge(organiser, "other")
+    for ranking in (damaged, sound):
+        end(database, ranking)
+    with database.session() as session:
+        of_damaged = session.get_one(Ranking, damaged).benchmark_sha256
+        session.get_one(BenchmarkVersion, of_damaged).document = {"kind": "parking"}
+    close_ended(service.services)
+    with database.reading() as session:
+        finalised = [session.get_one(Ranking, ranking).finalised for ranking in (damaged, sound)]
+    assert [one is not None for one in finalised] == [False, True]
 
 
 def test_only_its_organiser_changes_a_challenge(service: Harness) -> None:
