@@ -56,6 +56,7 @@ from dohyo.service.web.proxies import TrustedProxies
 from dohyo.service.webhooks import routes as webhooks
 from dohyo.service.webhooks.delivery import Deliverer
 from dohyo.service.workers import routes as workers
+from dohyo.service.worlds import guest_routes as guests
 from dohyo.service.worlds import routes as worlds
 from dohyo.service.worlds import seat_routes as seats
 
@@ -75,7 +76,7 @@ ROUTERS = tuple(
             metrics,
             rescoring,
         ),
-        *(webhooks, workers, worlds, seats, spectating, signing, service_metrics),
+        *(webhooks, workers, worlds, guests, seats, spectating, signing, service_metrics),
     )
 )
 

@@ -16,6 +16,8 @@ ANSWERS: Final = (
     "ComparedView",
     "CrossPlayView",
     "WorldView",
+    "WorldInvitationView",
+    "WorldGuestView",
 )
 """Schemas of the client's answers; those that they refer to follow."""
 

@@ -355,6 +355,20 @@ class SummaryView(TypedDict):
     statuses: dict[str, int]
 
 
+class WorldGuestView(TypedDict):
+    """A guest of a world: an owner who was admitted by an invitation."""
+
+    owner: str
+    admitted: str | None
+
+
+class WorldInvitationView(TypedDict):
+    """An invitation to a world; its code cannot be read again."""
+
+    world: str
+    code: str
+
+
 class WorldView(TypedDict):
     """A live scenario, or how it ended. It enters no ranking."""
 

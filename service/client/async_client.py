@@ -34,6 +34,8 @@ from dohyo.service.client.answers import (
     LeaderboardView,
     MetricsView,
     SubmissionView,
+    WorldGuestView,
+    WorldInvitationView,
     WorldView,
 )
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
@@ -290,6 +292,22 @@ class AsyncClient:
     async def world_record(self, world_id: str) -> Document:
         """The record of a world that has ended, as `dohyo score` reads it."""
         return await self._json(Document, Call("GET", path_of("worlds", world_id, "record")))
+
+    async def invite_to_world(
+        self, world_id: str, egos: Sequence[str] | None = None, *, coupled: bool = False
+    ) -> WorldInvitationView:
+        """Makes a code with which another owner's workers join a live world, to drive some egos or all."""
+        body = {"egos": None if egos is None else list(egos), "coupled": coupled}
+        path = path_of("worlds", world_id, "invitations")
+        return await self._json(WorldInvitationView, Call("POST", path, body=body))
+
+    def guests(self, world_id: str) -> AsyncIterator[WorldGuestView]:
+        """Guests of a world of yours, by their names."""
+        return cast(AsyncIterator[WorldGuestView], self.items(path_of("worlds", world_id, "guests")))
+
+    async def dismiss_guest(self, world_id: str, owner: str) -> None:
+        """Dismisses a guest of a world of yours: its workers lose their places, and it sees the world no more."""
+        await self._send(Call("DELETE", path_of("worlds", world_id, "guests", owner)))
 
     async def _submit(self, agent: str, body: Mapping[str, Any]) -> SubmissionView:
         return await self._json(SubmissionView, Call("POST", path_of("agents", agent, "submissions"), body=body))

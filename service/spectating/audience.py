@@ -5,13 +5,28 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 from dohyo.service.errors import TooManyRequestsError
 
 HEARTBEAT_S: Final = 15.0
 RETRY_MS: Final = 3000
 FULL_RETRY_S: Final = 30.0
+
+
+class Spectator(NamedTuple):
+    """A spectator of a world.
+
+    Attributes:
+        token_id: API token with which it watches; "": none.
+        owner: Owner of the token.
+    """
+
+    token_id: str = ""
+    owner: str = ""
+
+
+NOBODY: Final = Spectator()
 
 
 class Audience:
@@ -32,7 +47,7 @@ class Audience:
         self._latest: dict[str, tuple[int, bytes]] = {}
         self._number, self._told_s = 0, 0.0
         self._ended = False
-        self._waiting: dict[asyncio.Event, str] = {}
+        self._waiting: dict[asyncio.Event, Spectator] = {}
 
     @property
     def watching(self) -> int:
@@ -73,11 +88,11 @@ class Audience:
     @property
     def token_ids(self) -> set[str]:
         """API tokens with which spectators watch."""
-        return set(self._waiting.values()) - {""}
+        return {one.token_id for one in self._waiting.values()} - {""}
 
-    def dismiss(self, token_id: str) -> None:
-        """Ends the events of the spectators of an API token."""
-        for fresh in [one for one, held in self._waiting.items() if held == token_id]:
+    def dismiss(self, may_not_watch: Callable[[Spectator], bool]) -> None:
+        """Ends the events of spectators that may not watch any more."""
+        for fresh in [one for one, spectator in self._waiting.items() if may_not_watch(spectator)]:
             del self._waiting[fresh]
             fresh.set()
 
@@ -86,14 +101,19 @@ class Audience:
         if len(self._waiting) >= self._most:
             raise TooManyRequestsError(f"the world has its {self._most} spectators", FULL_RETRY_S)
 
-    async def events(self, token_id: str = "") -> AsyncIterator[bytes]:
+    async def events(
+        self, spectator: Spectator = NOBODY, may_watch: Callable[[], bool] = lambda: True
+    ) -> AsyncIterator[bytes]:
         """The events for one new spectator, until the world has ended; comments in silence.
 
         Args:
-            token_id: API token of the spectator; "": none.
+            spectator: Who watches.
+            may_watch: Asked when the events begin, which is later than the request was found allowed.
         """
+        if not may_watch():
+            return
         fresh, seen = asyncio.Event(), 0
-        self._join(fresh, token_id)
+        self._join(fresh, spectator)
         try:
             yield b"retry: %d\n\n" % RETRY_MS
             while fresh in self._waiting:
@@ -108,8 +128,8 @@ class Audience:
         finally:
             self._leave(fresh)
 
-    def _join(self, fresh: asyncio.Event, token_id: str) -> None:
-        self._waiting[fresh] = token_id
+    def _join(self, fresh: asyncio.Event, spectator: Spectator) -> None:
+        self._waiting[fresh] = spectator
         if len(self._waiting) == 1 and not self._ended:
             self._watch(True)
 

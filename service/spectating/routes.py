@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -15,12 +16,13 @@ from dohyo.service.accounts.access import Holder
 from dohyo.service.episodes.readers import ReadersOf
 from dohyo.service.episodes.replay import FORMAT, encode, replay_of
 from dohyo.service.errors import ConflictError, GoneError
+from dohyo.service.spectating.audience import Spectator
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.caching import Cached, already_has, immutable
 from dohyo.service.web.documents import Identifier, problems
 from dohyo.service.web.events import MEDIA_TYPE, EventResponse
 from dohyo.service.web.heavy import Heavy
-from dohyo.service.worlds.access import find_world
+from dohyo.service.worlds.access import find_world, is_admitted
 from dohyo.service.worlds.records import kept_record
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
@@ -48,7 +50,8 @@ async def stream_world(identifier: Identifier, request: Request, caller: Holder,
     if world is None:
         raise ConflictError(f"world '{identifier}' has ended")
     world.audience.check_room()
-    return EventResponse(request, world.audience.events(caller.token_id or ""))
+    spectator = Spectator(caller.token_id or "", caller.owner)
+    return EventResponse(request, world.audience.events(spectator, partial(is_admitted, caller, world)))
 
 
 @router.get("/replay", response_class=Response, responses=problems(404, 409, 410) | Cached.json())

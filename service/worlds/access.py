@@ -63,22 +63,11 @@ async def live_world(services: Services, caller: Caller, identifier: str, *, own
     world = services.worlds.find(identifier)
     if world is None or world.ending:
         raise ConflictError(f"world '{identifier}' has ended")
+    if not is_admitted(caller, world):  # a guest that was dismissed since its row was read
+        raise NotFoundError(f"no world '{identifier}' of yours")
     return world
 
 
-async def admit(services: Services, caller: Caller, identifier: str, code: str) -> None:
-    """Makes the caller a guest of a live world, by the code of an invitation.
-
-    Raises:
-        NotFoundError: There is no such invitation, or another owner has used it.
-    """
-    world = services.worlds.find(identifier, heard=False)
-    if world is None:
-        raise NotFoundError(f"no world '{identifier}' of yours")
-    world.guests.admit(code, caller.owner)
-
-    def add() -> None:
-        with services.database.session() as session:
-            session.merge(WorldGuest(world_id=identifier, owner=caller.owner))
-
-    await asyncio.to_thread(add)
+def is_admitted(caller: Caller, world: LiveWorld) -> bool:
+    """Whether the caller may be in a live world, as far as this process knows now."""
+    return caller.owns(world.owner) or world.guests.has(caller.owner)

@@ -45,10 +45,15 @@ logger = logging.getLogger("dohyo.worlds")
 
 
 class WorldBook:
-    """Live worlds and the seats in them."""
+    """Live worlds and the seats in them.
+
+    Attributes:
+        admission: Held while a guest is admitted or dismissed, in the database and in memory.
+    """
 
     def __init__(self, settings: Settings, database: Database) -> None:
         """Begins without worlds."""
+        self.admission = asyncio.Lock()
         self._settings, self._database = settings, database
         self._live: dict[str, LiveWorld] = {}
         self._tasks: dict[str, asyncio.Task[Outcome]] = {}
@@ -286,7 +291,7 @@ class WorldBook:
     def dismiss(self, token_id: str) -> None:
         """Takes the seats of the workers of an API token that is no longer valid, and ends what spectators watch."""
         for world in self._live.values():
-            world.audience.dismiss(token_id)
+            world.audience.dismiss(lambda spectator: spectator.token_id == token_id)
             for seat in [one for one in world.seats if one.token_id == token_id]:
                 world.leave(seat, "the token of the worker is no longer valid")
 

@@ -61,3 +61,4 @@ class WorldGuest(Base):
 
     world_id: Mapped[str] = mapped_column(String(32), primary_key=True)
     owner: Mapped[str] = mapped_column(String(100), primary_key=True, index=True)
+    admitted: Mapped[datetime | None] = mapped_column(default=now)  # None: by a version that did not keep the time

@@ -23,6 +23,26 @@ def list_worlds(session: Session, owner: str | None, limit: int, after: str | No
     return session.scalars(query.where(World.id > after) if after else query).all()
 
 
+def list_guests(session: Session, identifier: str, limit: int, after: str | None) -> Sequence[WorldGuest]:
+    """Guests of a world by their names, those past `after`."""
+    query = select(WorldGuest).where(WorldGuest.world_id == identifier).order_by(WorldGuest.owner).limit(limit)
+    return session.scalars(query.where(WorldGuest.owner > after) if after else query).all()
+
+
+def add_guest(session: Session, identifier: str, owner: str) -> None:
+    """Makes an owner a guest of a world; one that is a guest stays so."""
+    if session.get(WorldGuest, (identifier, owner)) is None:
+        session.add(WorldGuest(world_id=identifier, owner=owner))
+
+
+def remove_guest(session: Session, identifier: str, owner: str) -> bool:
+    """Removes a guest of a world; returns whether there was one."""
+    guest = session.get(WorldGuest, (identifier, owner))
+    if guest is not None:
+        session.delete(guest)
+    return guest is not None
+
+
 def count_worlds(session: Session, owner: str) -> int:
     """Number of an owner's worlds, live or not."""
     return session.scalar(select(func.count()).select_from(World).where(World.owner == owner)) or 0

@@ -19,11 +19,10 @@ from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.access import find_world, live_world, world_of
-from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldInvitationRequest, WorldRequest
+from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldRequest
 from dohyo.service.worlds.orders import scenario_of
 from dohyo.service.worlds.records import kept_record, records_folder, remove_record
-from dohyo.service.worlds.views import WorldInvitationView, WorldView, view_world
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.service.worlds.views import WorldView, view_world
 from dohyo.sumo_networks.scenario import content_hash
 
 router = APIRouter(prefix="/v1", tags=["worlds"], route_class=StrictRoute)
@@ -116,21 +115,6 @@ async def reset_world(
     """
     await (await live_world(services, caller, identifier)).reset(order.seed)
     return await _view(services, caller, identifier)
-
-
-@router.post("/worlds/{identifier}/invitations", status_code=201, responses=problems(403, 404, 409, 413))
-async def invite_to_world(
-    identifier: Identifier, order: WorldInvitationRequest, caller: Submitter, services: ServicesOf
-) -> WorldInvitationView:
-    """Makes a code with which the workers of one other owner may join a live world.
-
-    The guest sees the world and its record, and may not control it.
-    """
-    world = await live_world(services, caller, identifier)
-    names = [mission.name for mission in world.order.scenario.missions]
-    if unknown := [ego for ego in order.egos or [] if ego not in names]:
-        raise InvalidInputError(f"egos: expected some of {names[:50]}, got {unknown[:10]}")
-    return WorldInvitationView(world=identifier, code=world.guests.invite(order.egos, coupled=order.coupled))
 
 
 @router.post("/worlds/{identifier}/end", responses=problems(403, 404, 409, 413))

@@ -17,7 +17,8 @@ from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.messages import decode_as
 from dohyo.service.wire.requests import bearer_of, body_of, encoded, formats_of, headers_of, problem_of
-from dohyo.service.worlds.access import admit, live_world
+from dohyo.service.worlds.access import live_world
+from dohyo.service.worlds.admission import admit
 from dohyo.service.worlds.bodies import JoinRequest, Seated, WorldReply, WorldStep
 from dohyo.service.worlds.live.seat import Seat
 from dohyo.service.worlds.live.world import LiveWorld

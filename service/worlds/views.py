@@ -40,6 +40,18 @@ class WorldInvitationView(View):
     code: str
 
 
+class WorldGuestView(View):
+    """A guest of a world: an owner who was admitted by an invitation.
+
+    Attributes:
+        owner: Name of the owner.
+        admitted: Time of the first admission; null: by a version of dohyo that did not keep it.
+    """
+
+    owner: Annotated[str, Field(examples=["team-blue"])]
+    admitted: Moment | None
+
+
 class WorldView(View):
     """A live scenario, or how it ended. It enters no ranking.
 

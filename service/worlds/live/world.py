@@ -31,7 +31,7 @@ class LiveWorld:
         owner: Owner.
         order: Scenario and what an ego without a driver does.
         actors: Actors that other simulators have put into it.
-        guests: Other owners who may join it.
+        guests: Invitations to other owners, who may join it.
         seats: Places of its workers.
         simulation: Its process, and the tick that it has shown last.
         lockstep: Its status and pace: when its ticks begin.
@@ -137,6 +137,13 @@ class LiveWorld:
         self.actors.forget(seat.spec.name)
         self._plans.forget(seat.egos)
         self._change(dict.fromkeys(seat.egos))
+
+    def dismiss_guest(self, owner: str) -> None:
+        """Takes the places of a guest away, and ends its invitations and what it watches."""
+        self.guests.dismiss(owner)
+        for seat in [one for one in self.seats if one.owner == owner]:
+            self.leave(seat, "the owner of the world has dismissed its guest")
+        self.audience.dismiss(lambda spectator: spectator.owner == owner)
 
     def _change(self, specs: dict[str, AgentSpec | None]) -> None:
         self.simulation.change_drivers(specs, coupled=self.seats.coupled)

@@ -24,6 +24,7 @@ from dohyo.service.database.engine import MIGRATIONS, Database
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
 from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.submissions.model import Agent, Submission
+from dohyo.service.worlds.queries import add_guest, list_guests
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
@@ -115,6 +116,20 @@ def test_results_of_before_are_computed_again(database: Database) -> None:
         assert session.scalars(select(Result)).all() == []
 
 
+def test_guests_of_before_have_no_time_of_admission(database: Database) -> None:
+    _downgrade(database, "2026_13_values_of_episodes")
+    assert "admitted" not in [one["name"] for one in inspect(database.engine).get_columns("world_guests")]
+    with database.engine.begin() as connection:
+        connection.execute(text("INSERT INTO world_guests (world_id, owner) VALUES ('wo-1', 'guest')"))
+    database.migrate()
+    with database.session() as session:
+        add_guest(session, "wo-1", "guest")
+        add_guest(session, "wo-1", "late")
+    with database.reading() as session:
+        found = {guest.owner: guest.admitted is not None for guest in list_guests(session, "wo-1", 10, None)}
+        assert found == {"guest": False, "late": True}
+
+
 def _downgrade(database: Database, revision: str) -> None:
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
@@ -141,7 +156,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:
-        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_13_values_of_episodes"]  # type: ignore[call-overload]
+        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_14_admission_of_guests"]  # type: ignore[call-overload]
     database.close()
 
 

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from dohyo.service.errors import TooManyRequestsError
-from dohyo.service.spectating.audience import Audience
+from dohyo.service.spectating.audience import Audience, Spectator
 
 
 def test_a_slow_spectator_gets_the_latest_scene_and_costs_nothing() -> None:
@@ -80,15 +80,15 @@ def test_a_spectator_whose_token_is_no_longer_valid_sees_no_more() -> None:
     audience = Audience(watched.append, most=2)
 
     async def watch() -> None:
-        revoked, kept = audience.events("t-1"), audience.events("t-2")
+        revoked, kept = (audience.events(Spectator(token)) for token in ("t-1", "t-2"))
         for events in (revoked, kept):
             await anext(events)
         assert audience.token_ids == {"t-1", "t-2"}
-        audience.dismiss("t-1")
+        audience.dismiss(lambda spectator: spectator.token_id == "t-1")
         audience.tell("scene", b"1")
         assert [event async for event in revoked] == []
         assert await anext(kept) == b"event: scene\ndata: 1\n\n"
-        audience.dismiss("t-2")
+        audience.dismiss(lambda spectator: spectator.token_id == "t-2")
         assert [event async for event in kept] == []
         assert (audience.watching, watched) == (0, [True, False])
 

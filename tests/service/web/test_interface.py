@@ -11,7 +11,8 @@ from openapi_spec_validator import validate
 from tests.service.harness import Harness, assert_problem
 
 # Verbs that a generated client shows; a new one is added here on purpose.
-VERBS = "accept acquire cancel change close compare create delete download end explain forget get import invite join"
+VERBS = "accept acquire cancel change close compare create delete dismiss download end explain forget get import"
+VERBS += " invite join"
 VERBS += (
     " leave list move pause postpone redeem register release remove renew rescore reset resume revoke sign start step"
 )
