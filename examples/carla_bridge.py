@@ -129,7 +129,8 @@ def couple(bridge: Bridge, server: str, token: str, world: str, ego: str) -> int
         put = [bridge.frames.row(one) for one in bridge.own() if one.id != hero.id]
         names = {row["name"] for row in put}
         actors = {"put": put, "remove": sorted(there - names)}
-        step = {"tick": reply["tick"], "actions": {ego: bridge.frames.pose(hero)}, "actors": actors}
+        now = {"tick": reply["tick"], "resets": reply["resets"]}
+        step = now | {"actions": {ego: bridge.frames.pose(hero)}, "actors": actors}
         reply, there = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step), names
     return int(reply["tick"])
 

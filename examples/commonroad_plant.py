@@ -76,7 +76,7 @@ def main() -> None:
     reply: dict[str, Any] = seat | {"done": False}
     while not reply["done"]:
         plant.advance(plant.steering_to(reply["observations"][ego]["route"]), float(speed), seat["dt_s"])
-        step = {"tick": reply["tick"], "actions": {ego: plant.pose}}
+        step = {"tick": reply["tick"], "resets": reply["resets"], "actions": {ego: plant.pose}}
         reply = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step)
     print(f"{ego} has ended at tick {reply['tick']}", flush=True)
 

@@ -33,7 +33,7 @@ class Side:
         """Puts the egos of the other world, and waits for the next tick."""
         names = {row["name"] for row in egos}
         actors = {"put": egos, "remove": sorted(self.there - names)}
-        step = {"tick": self.reply["tick"], "actions": {}, "actors": actors}
+        step = {"tick": self.reply["tick"], "resets": self.reply["resets"], "actions": {}, "actors": actors}
         self.reply = post(f"{self.server}/v1/seats/{self.seat['seat']}/step", self.seat["token"], step)
         self.there = names
 

@@ -45,7 +45,7 @@ def main() -> None:
     reply: dict[str, Any] = seat | {"done": False}
     while not reply["done"]:
         actions = {ego: decide(seen, float(speed)) for ego, seen in reply["observations"].items()}
-        step = {"tick": reply["tick"], "actions": actions}
+        step = {"tick": reply["tick"], "resets": reply["resets"], "actions": actions}
         reply = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step)
     print(f"{name} has ended at tick {reply['tick']}", flush=True)
 

@@ -66,7 +66,8 @@ class RemoteEnv(LocalVectorEnv):
 
     An observation has a vector of float32 for each sensor, and pictures as they are. An episode terminates when the
     reward function says so or at the goal, and is truncated when the world says so otherwise. A row whose world is
-    gone, such as after a restart of the service, is truncated and "lost", and its next reset makes a new world.
+    gone, such as after a restart of the service, or was reset by somebody else, is truncated and "lost". Its next reset
+    makes a new world.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         self._plan, self._http = plan, PendingConnection(plan.url)
         self._key = secrets.token_hex(16)
         self._id = self._seat = self._seat_token = self._ego = ""
-        self._tick = 0
+        self._tick = self._resets = 0
         self._seen: Observations = {}
 
     def begin_reset(self, seed: int | None) -> None:
@@ -192,7 +193,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
 
     def begin_step(self, action: NDArray[Any]) -> None:
         """Sends an action."""
-        body = {"tick": self._tick, "actions": {self._ego: pack(np.asarray(action))}}
+        body = {"tick": self._tick, "resets": self._resets, "actions": {self._ego: pack(np.asarray(action))}}
         self._http.send("POST", f"/v1/seats/{self._seat}/step", self._seat_token, body, Format.MSGPACK)
 
     def step(self, action: NDArray[Any]) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
@@ -213,7 +214,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         return self._seen, outcome["reward"], terminated, truncated, infos
 
     def _take(self, answer: Mapping[str, Any]) -> None:
-        self._tick = answer["tick"]
+        self._tick, self._resets = answer["tick"], answer["resets"]
         seen = arrays(answer["observations"]).get(self._ego, {})
         spaces = self._spaces
         self._seen = self._seen | {name: _fitted(array, spaces[name]) for name, array in seen.items()}

@@ -24,6 +24,14 @@ class StaleTickError(ConflictError):
         self.expected = expected
 
 
+class StaleRunError(ConflictError):
+    """A decision for a run of a world before its last reset."""
+
+    def __init__(self, expected_resets: int, tick: int, got: int) -> None:
+        super().__init__(f"stale run: expected actions for tick {tick} with resets {expected_resets}, got resets {got}")
+        self.expected_resets, self.tick = expected_resets, tick
+
+
 def headers_of(scope: Scope) -> dict[bytes, bytes]:
     """Headers of a request."""
     return dict(scope["headers"])
@@ -75,6 +83,8 @@ def problem_of(error: ServiceError | InvalidInputError) -> Response:
     """An error of the wire as a problem document, always in JSON."""
     if isinstance(error, StaleTickError):
         return problem(error.status, str(error), expected_tick=error.expected)
+    if isinstance(error, StaleRunError):
+        return problem(error.status, str(error), expected_resets=error.expected_resets, tick=error.tick)
     if isinstance(error, ServiceError):
         return problem(error.status, str(error), error.headers)
     return problem(422, str(error))

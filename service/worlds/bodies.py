@@ -176,6 +176,13 @@ PlanPoint = tuple[float, float]
 class WorldStep(Step, kw_only=True):
     """Decisions of a place for one tick."""
 
+    resets: Annotated[
+        Annotated[int, Meta(ge=0)] | None,
+        Meta(
+            description="That of the reply with the tick. Where the world has begun anew since, the step is refused; "
+            "without it, a step for the same tick of an earlier run is taken."
+        ),
+    ] = None
     plans: Annotated[
         dict[str, Annotated[list[PlanPoint], Meta(max_length=MOST_POINTS)]] | None,
         Meta(
@@ -184,6 +191,9 @@ class WorldStep(Step, kw_only=True):
         ),
     ] = None
     actors: Annotated[ActorChange | None, Meta(description="Only of a place that is coupled.")] = None
+
+
+Resets = Annotated[int, Meta(description="How often the world had begun anew at this tick.")]
 
 
 class EgoOutcome(msgspec.Struct):
@@ -202,7 +212,7 @@ class WorldReply(Reply, kw_only=True):
         Meta(description="Of each ego of the place that drove in the last tick; only in a world with a reward."),
     ] = UNSET
 
-    resets: Annotated[int, Meta(description="How often the world has begun anew.")] = 0
+    resets: Resets = 0
     actors: Annotated[
         list[ShownActor] | UnsetType, Meta(description="All egos and the traffic; only for a place that is coupled.")
     ] = UNSET
@@ -219,6 +229,7 @@ class Seated(msgspec.Struct):
     missions: Annotated[list[ToldMission], Meta(description="One for each ego.")]
     seed: Annotated[int, Meta(description="Seed of the scenario.")]
     tick: Tick
+    resets: Resets
     observations: Observations
     actors: Annotated[
         list[ShownActor] | UnsetType, Meta(description="All egos and the traffic; only for a place that is coupled.")

@@ -47,11 +47,12 @@ SEATED = schema.answer(
         "missions": [{"name": "west-1"}],
         "seed": 0,
         "tick": 0,
+        "resets": 0,
         "observations": {"west-1": {"speedometer": [0.0]}},
     },
 )
 TRUCK = {"name": "truck-1", "kind": "truck", "x_m": 512.4, "y_m": 80.1, "heading_rad": 1.57}
-STEP = schema.WORKER_TOKEN | schema.body(WorldStep, {"tick": 0, "actions": {"west-1": [8.0, 0.0]}})
+STEP = schema.WORKER_TOKEN | schema.body(WorldStep, {"tick": 0, "resets": 0, "actions": {"west-1": [8.0, 0.0]}})
 STEPPED = schema.answer(
     "The next observations.",
     WorldReply,
@@ -103,6 +104,7 @@ async def join_world(
         missions=_told(world, seat),
         seed=world.simulation.seed,
         tick=seat.tick,
+        resets=seat.resets,
         observations=reply.observations,
         actors=reply.actors,
     )

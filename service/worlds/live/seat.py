@@ -15,6 +15,7 @@ from dohyo.service.errors import GoneError
 from dohyo.service.wire.actions import checked_action
 from dohyo.service.wire.answering import answer_all
 from dohyo.service.wire.messages import pack, unpack
+from dohyo.service.wire.requests import StaleRunError
 from dohyo.service.worlds.bodies import WorldReply
 from dohyo.sumo_networks.ego.control import Control, make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -54,6 +55,7 @@ class Seat:
         id: Identifier in paths; a worker that joins again gets another one.
         token: Secret of its messages.
         tick: Tick last shown to the worker.
+        resets: How often the world had begun anew at that tick.
         decision: Its decision for that tick; None: it decides now.
         last: Its last decision.
         repeated: Whether the decision before this one was a repetition.
@@ -74,6 +76,7 @@ class Seat:
     id: str = field(default_factory=lambda: f"s-{secrets.token_hex(12)}")
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32))
     tick: int = 0
+    resets: int = 0
     decision: Actions | None = None
     last: Actions | None = None
     repeated: bool = False
@@ -94,9 +97,9 @@ class Seat:
         """Whether a place is for the same egos, sensors and control."""
         return (self.spec, self.egos, self.coupled) == (other.spec, other.egos, other.coupled)
 
-    def begin(self, tick: int, due: float) -> None:
-        """The worker learns of a tick, and decides until `due`."""
-        self.tick, self.due, self.answered, self.reply = tick, due, -1, None
+    def begin(self, tick: int, resets: int, due: float) -> None:
+        """The worker learns of a tick, after so many resets, and decides until `due`."""
+        self.tick, self.resets, self.due, self.answered, self.reply = tick, resets, due, -1, None
 
     def take_over(self, before: Seat) -> None:
         """Takes over what the worker had decided before it joined again."""
@@ -162,13 +165,24 @@ class Seat:
     def show(self, reply: WorldReply) -> None:
         """Answers the decision for the last tick with the next one."""
         self.answered = self.tick if reply.tick > self.tick else -1  # a new beginning answers no decision
-        self.reply, self.tick, self.decision = reply, reply.tick, None
+        self.reply, self.tick, self.resets, self.decision = reply, reply.tick, reply.resets, None
         self.answer(reply)
 
     def end(self, why: str) -> None:
         """Takes the place away."""
         self.ended = self.ended or why
         self.answer(GoneError(f"seat lost: {self.ended}"))
+
+    def refuse_stale_run(self, resets: int | None) -> None:
+        """Refuses a decision for a run of the world that is not the one last shown; None: it names none.
+
+        Raises:
+            GoneError: The worker has no place any more.
+            StaleRunError: The world has begun anew since.
+        """
+        if resets is not None and resets != self.resets:
+            self.refuse_ended()
+            raise StaleRunError(self.resets, self.tick, resets)
 
     def refuse_ended(self) -> None:
         """Raises GoneError if it has no place any more."""

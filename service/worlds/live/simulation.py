@@ -47,7 +47,8 @@ class Simulation:
         driving: Egos that still drive.
         shown: All else that was shown of the tick.
         seed: Seed of the present run.
-        resets: How often it has begun anew.
+        resets: How often it was told to begin anew.
+        shown_resets: The same at the tick last shown.
         restarting: Whether it was told to begin anew, and has not shown its first tick yet.
         revision: Number of the last change of drivers.
     """
@@ -57,7 +58,8 @@ class Simulation:
         self._process = process
         self.begun, self.tick, self.time_s = False, 0, 0.0
         self.driving, self.shown = tuple(egos), Shown([], {}, {})
-        self.seed, self.resets, self.restarting, self.revision = seed, 0, False, 0
+        self.seed, self.resets, self.shown_resets = seed, 0, 0
+        self.restarting, self.revision = False, 0
         self._is_shown = asyncio.Event()
 
     @property
@@ -92,7 +94,7 @@ class Simulation:
             return None
         news = News(not self.begun, self.restarting, tick > self.tick or self.restarting)
         self.shown = msgspec.msgpack.decode(memoryview(payload)[SHOWN.size :], type=Shown)
-        self.begun, self.restarting = True, False
+        self.begun, self.restarting, self.shown_resets = True, False, self.resets
         self.tick, self.time_s, self.driving = tick, time_s, tuple(self.shown.driving)
         self._is_shown.set()
         return news

@@ -46,11 +46,13 @@ class Steps:
 
         Raises:
             GoneError: The worker has no place any more.
+            StaleRunError: The decision is for a run before the last reset.
             StaleTickError: The decision is for another tick; in real time, one that comes late is for the present one.
             InvalidInputError: The decision is invalid; another one may follow before it is due.
             ConflictError: Another worker has put an actor.
             BusyError: The tick still waits for others; the same step may be sent again.
         """
+        seat.refuse_stale_run(step.resets)
         realtime = self._lockstep.clock.realtime
         comes_late = realtime and seat.repeated and step.tick < seat.tick
         if step.tick == seat.answered and seat.reply is not None and not comes_late:
@@ -111,7 +113,7 @@ class Steps:
             missed=seat.missed,
             clipped=seat.clipped,
             directive="run",
-            resets=now.resets,
+            resets=now.shown_resets,
             actors=(now.shown.actors or []) if seat.coupled else UNSET,
             outcomes=self._outcomes_of(seat) if self._rewarded else UNSET,
         )
@@ -128,7 +130,7 @@ class Steps:
             missed=seat.missed,
             clipped=seat.clipped,
             directive="abort" if aborted else "run",
-            resets=self._simulation.resets,
+            resets=seat.resets,
         )
         seat.answered = seat.tick
         seat.answer(seat.reply)

@@ -106,7 +106,7 @@ class LiveWorld:
         self.simulation.check_begun()
         before = self.seats.named(seat.spec.name)
         self.seats.check_free(seat, before, self.simulation.driving)
-        seat.begin(self.simulation.tick, time.monotonic() + SHOW_S)
+        seat.begin(self.simulation.tick, self.simulation.shown_resets, time.monotonic() + SHOW_S)
         if before is not None and before.is_like(seat):
             seat.take_over(before)
             self.seats.remove(before, "its worker joined again")
@@ -121,7 +121,8 @@ class LiveWorld:
         self.seats.add(seat)
         await self.simulation.wait()
         seat.refuse_ended()
-        seat.begin(self.simulation.tick, time.monotonic() + self.lockstep.deadline_s)
+        due = time.monotonic() + self.lockstep.deadline_s
+        seat.begin(self.simulation.tick, self.simulation.shown_resets, due)
         all_driven = self.seats.drivers.keys() >= set(self.simulation.driving)
         if self.lockstep.status is WorldStatus.WAITING and all_driven:
             self.lockstep.resume()

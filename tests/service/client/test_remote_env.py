@@ -95,6 +95,21 @@ def test_a_row_whose_world_ends_is_truncated_and_lost(served: Served) -> None:
         env.close()
 
 
+def test_a_row_whose_world_somebody_else_resets_is_truncated_and_lost(served: Served) -> None:
+    """Its action is for tick 0 of the run before, and the new run is at tick 0 too."""
+    env = dohyo.RemoteEnv(served.url, token=served.token, scenario=STREET.model_dump(mode="json"), sensors=SENSORS)
+    try:
+        env.reset(seed=1)
+        (live,) = [one for one in served.ask("GET", "/v1/worlds")["items"] if one["finished"] is None]
+        served.ask("POST", f"/v1/worlds/{live['id']}/reset", {"seed": 2})
+        infos = env.step(np.float32([[6.0, 0.0]]))[4]
+        assert infos["lost"].tolist() == [True]
+        assert not env.reset(seed=1)[1]["lost"].any()
+        assert not env.step(np.float32([[6.0, 0.0]]))[4]["lost"].any()
+    finally:
+        env.close()
+
+
 def test_learners_take_an_address_as_their_environment(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DOHYO_TOKEN", served.token)
     task = GymnasiumTask(f"{served.url}?benchmark=quickstart&sensors=speedometer&reward=progress")
