@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 import sys
 import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from dohyo.evaluation.output_file import unwritable
 from dohyo.service.cli.output import plain
@@ -62,25 +63,28 @@ def followed(
 
 
 def append_forecast(path: Path, forecast: Forecast, unit: str) -> list[Path]:
-    """Appends a line per step and segment; a new file begins with the names of the columns.
+    """Appends a line per step and segment; a new or empty file begins with the names of the columns.
 
-    What the file has of the same row of the same segment stays, so that a command that starts again adds nothing twice.
+    A line that the file has already is not added, so that a command that starts again adds nothing twice. A last line
+    without an end, which a killed command has left, is replaced.
 
     Returns:
         The path.
 
     Raises:
-        InvalidInputError: The file cannot be written.
+        InvalidInputError: The file cannot be written, or holds something else than forecasts.
     """
     try:
-        new = not path.exists()
         path.parent.mkdir(parents=True, exist_ok=True)
-        there: set[str] = set() if new else _segments_at(path, moment(forecast.made_s, forecast.offset_s))
-        with path.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if new:
+        with path.open("a+b") as file:
+            _cut_last(file, path)
+            there = _lines_at(file, moment(forecast.made_s, forecast.offset_s))
+            text = io.StringIO(newline="")
+            writer = csv.writer(text)
+            if not file.tell():
                 writer.writerow(COLUMNS)
-            writer.writerows(line for line in _lines(forecast, unit) if line[2] not in there)
+            writer.writerows(line for line in _lines(forecast, unit) if (line[1], line[2]) not in there)
+            file.write(text.getvalue().encode())
     except OSError as error:
         raise unwritable(path, error) from error
     return [path]
@@ -93,12 +97,27 @@ def moment(time_s: float, offset_s: float | None) -> str:
     return datetime.fromtimestamp(time_s, timezone(timedelta(seconds=offset_s))).isoformat(" ", "seconds")
 
 
-def _segments_at(path: Path, made_at: str) -> set[str]:
-    """Segments of which the end of a file has the forecast of one row."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - LOOKED_AT))
-        lines = csv.reader(file.read().decode(errors="replace").splitlines())
-        return {line[2] for line in lines if len(line) == len(COLUMNS) and line[0] == made_at}
+def _cut_last(file: BinaryIO, path: Path) -> None:
+    """Removes a last line without an end from a file of forecasts, and refuses another file."""
+    file.seek(0)
+    first, header = file.readline(), ",".join(COLUMNS).encode()
+    if first.rstrip(b"\r\n") != header and not (header + b"\r\n").startswith(first):
+        raise InvalidInputError(
+            f"'{path}': expected a new file or one of forecasts, which begins with {header.decode()}, got "
+            f"'{plain(first[:60].decode(errors='replace').strip())}'"
+        )
+    start = max(0, file.seek(0, io.SEEK_END) - LOOKED_AT)
+    file.seek(start)
+    unfinished = len(file.read().rpartition(b"\n")[2])
+    if unfinished:
+        file.truncate(file.tell() - unfinished)
+
+
+def _lines_at(file: BinaryIO, made_at: str) -> set[tuple[str, str]]:
+    """Time and segment of the lines at the end of a file that were forecast from one row."""
+    file.seek(max(0, file.seek(0, io.SEEK_END) - LOOKED_AT))
+    lines = csv.reader(file.read().decode(errors="replace").splitlines())
+    return {(line[1], line[2]) for line in lines if len(line) == len(COLUMNS) and line[0] == made_at}
 
 
 def _lines(forecast: Forecast, unit: str) -> Iterator[list[str]]:

@@ -164,3 +164,25 @@ def test_a_parquet_table_has_the_offset_of_its_zone(tmp_path: Path) -> None:
     times = pl.datetime_range(START, START + timedelta(minutes=19), "1m", time_zone="America/Chicago", eager=True)
     pl.DataFrame({"time": times, "speed": [90.0] * 20}).write_parquet(tmp_path / "t.parquet")
     assert read_latest(tmp_path / "t.parquet", Format("km/h")).offset_s == -6 * 3600
+
+
+@pytest.mark.parametrize("kept", [0, 20, 60, 150, 190, 200, 260])
+def test_a_command_that_starts_again_after_a_kill_completes_the_forecast(tmp_path: Path, kept: int) -> None:
+    path, out = table(tmp_path / "t.csv", 20), tmp_path / "forecasts.csv"
+    run = ("forecast", "run", "--data", path, "--data", table(tmp_path / "u.csv", 20), "--unit", "km/h")
+    dohyo(*run, "--model", "persistence", "--out", out)
+    whole = out.read_bytes()
+    assert len(whole) > 260
+    out.write_bytes(whole[:kept])
+    dohyo(*run, "--model", "persistence", "--out", out)
+    assert out.read_bytes() == whole
+
+
+def test_forecasts_are_appended_to_no_other_file(tmp_path: Path) -> None:
+    path = table(tmp_path / "t.csv", 20)
+    add(path, line(20, 90.0).rstrip())
+    before = path.read_bytes()
+    run = ["forecast", "run", "--data", str(path), "--unit", "km/h", "--model", "persistence", "--out", str(path)]
+    result = CliRunner().invoke(app, run)
+    assert "expected a new file or one of forecasts, which begins with made_at,time," in str(result.exception)
+    assert path.read_bytes() == before
