@@ -322,8 +322,12 @@ class Scheduler:
             await self._results.tell(progress, ticket, "cancelled")
 
     def _driven(self) -> list[str]:
-        """Identifiers of episodes in which a worker has made a step."""
-        return [one.ticket.episode_id for one in self._live.values() if one.remote is not None and one.remote.stepped]
+        """Identifiers of episodes whose attempt counts against the submission if its owner ends it now."""
+        return [
+            one.ticket.episode_id
+            for one in self._live.values()
+            if one.remote is not None and self.leases.is_costly(one.remote)
+        ]
 
     async def _abort(self, evaluation_id: str, but: str = "") -> None:
         """Ends the drives of an evaluation, and waits for their end: until then they write to its staging."""

@@ -57,7 +57,6 @@ class RemoteEpisode:
         frame: Next observations for the worker, as the process sent them.
         held: Whether a worker holds it.
         stepped: Whether a worker has sent a step.
-        returned: Number of times that workers returned it without a step.
     """
 
     agent: str
@@ -69,7 +68,6 @@ class RemoteEpisode:
     frame: bytes = b""
     held: bool = False
     stepped: bool = False
-    returned: int = 0
 
 
 @dataclass(eq=False, slots=True)

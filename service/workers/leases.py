@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
@@ -58,6 +58,7 @@ class LeaseBook:
         self._tokens: dict[str, Worker] = {}
         self._leases: dict[str, Lease] = {}
         self._offers: list[RemoteEpisode] = []
+        self._returns = Counter[str]()  # without a step, by episode, over all its attempts
         self._polls: deque[tuple[Worker, asyncio.Future[Any]]] = deque()
 
     # Workers
@@ -206,7 +207,7 @@ class LeaseBook:
         """Offers an episode again that its worker has returned without a step."""
         self._end(lease, why)
         lease.episode.held = False
-        lease.episode.returned += 1
+        self._returns[lease.episode.order.stem] += 1
         self._offer(lease.episode)
 
     # The lockstep
@@ -271,7 +272,7 @@ class LeaseBook:
         self._refuse_ended(lease)
         if fault is not None:
             self._fail(lease, fault, text)
-        elif lease.episode.stepped or lease.episode.returned >= MOST_RETURNS:
+        elif self.is_costly(lease.episode):
             self._lose(lease, End.GIVEN_BACK, f"the worker gave the episode back: {text}")
         else:
             self._give_back(lease, "given back")
@@ -311,6 +312,13 @@ class LeaseBook:
 
     # Ends
 
+    def is_costly(self, episode: RemoteEpisode) -> bool:
+        """Whether it counts against the submission if its worker or its owner ends the attempt now.
+
+        It does once a worker has made a step, or has seen the first observations too often.
+        """
+        return episode.stepped or (episode.held and self._returns[episode.order.stem] >= MOST_RETURNS)
+
     def ended(self, episode: RemoteEpisode, outcome: Outcome, directive: Directive = "run") -> None:
         """Ends the lease on an episode that has ended, if there is one."""
         if episode in self._offers:
@@ -318,6 +326,9 @@ class LeaseBook:
         for lease in self._leases.values():
             if lease.episode is episode and not lease.ended:
                 self._finish(lease, outcome, directive)
+                self._returns[episode.order.stem] += directive == "abort" and not episode.stepped
+        if outcome.end is End.FINISHED:
+            del self._returns[episode.order.stem]
 
     def _finish(self, lease: Lease, outcome: Outcome, directive: Directive) -> None:
         if outcome.end is End.FINISHED or directive == "abort":

@@ -418,6 +418,31 @@ def test_three_returns_without_a_step_are_free_and_the_fourth_ends_the_attempt()
     run(test())
 
 
+def test_returns_are_counted_over_all_attempts_of_an_episode(clock: Clock) -> None:
+    """Nobody claims it after a return, then its owner cancels and resumes: the first observations stay seen."""
+
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        lease, process = await leased(book)
+        book.release(lease, None, "not today")
+        clock.now += TTL_S + 1
+        book.sweep()
+        assert process.killed is not None
+        assert process.killed.end is End.UNCLAIMED
+        book.ended(lease.episode, process.killed)
+        for _ in range(2):
+            lease, process = await leased(book)
+            assert not book.is_costly(lease.episode)
+            book.ended(lease.episode, Outcome(End.STOPPED), "abort")
+        lease, process = await leased(book)
+        assert book.is_costly(lease.episode)
+        book.release(lease, None, "not today")
+        assert process.killed is not None
+        assert process.killed.end is End.GIVEN_BACK
+
+    run(test())
+
+
 def test_an_episode_given_back_untouched_is_offered_again_and_a_touched_one_is_lost() -> None:
     async def test() -> None:
         book = LeaseBook(TTL_S)
