@@ -12,6 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from fastapi.security.utils import get_authorization_scheme_param
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
@@ -139,8 +140,8 @@ class RateLimit:
         if scope["type"] != "http" or scope["path"].startswith(FREE):
             await self.app(scope, receive, send)
             return
-        header = Headers(scope=scope).get("authorization", "")
-        token = hashlib.sha256(header.encode("latin-1")).hexdigest() if header else ""
+        secret = get_authorization_scheme_param(Headers(scope=scope).get("authorization"))[1]
+        token = hashlib.sha256(secret.encode("latin-1")).hexdigest() if secret else ""
         address = f"address {client_of((scope.get('client') or ('unknown',))[0])}"
         if _on_wire(scope["path"]):
             await self._pass_on_wire(scope, receive, send, token, address)

@@ -71,6 +71,14 @@ def test_each_token_has_its_own_rate(tmp_path: Path) -> None:
         assert other.get("/v1/me").status_code == 200
 
 
+def test_a_token_has_one_rate_however_its_header_is_written(tmp_path: Path) -> None:
+    with running(tmp_path / "data", requests_per_minute=20) as service:
+        token = service.token("team")
+        headers = [{"authorization": scheme + token} for scheme in ("Bearer ", "bearer ", "BEARER  ", "bEaReR ")]
+        statuses = [service.client.get("/v1/me", headers=one).status_code for one in headers * 10]
+        assert statuses == [200] * 21 + [429] * 19
+
+
 def test_guessing_tokens_spends_what_the_address_has_and_disturbs_no_one_else(tmp_path: Path) -> None:
     with running(tmp_path / "data", requests_per_minute=20) as service:
         known = service.caller("team")
