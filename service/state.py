@@ -158,6 +158,7 @@ class Services:
         signing: Keys that sign records.
         worlds: Live worlds.
         streams: Number of open event streams by caller.
+        uploads: Number of uploads under way by caller.
     """
 
     settings: Settings
@@ -169,6 +170,7 @@ class Services:
     lost: Callable[[], None] = lambda: None
     metrics: Metrics = field(default_factory=Metrics)
     streams: Counter[str] = field(default_factory=Counter)
+    uploads: Counter[str] = field(default_factory=Counter)
     jobs: JobRunner = field(init=False)
     reads: HeavyWork = field(init=False)
     orders: HeavyWork = field(init=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,16 @@ from fastapi import Request
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
-from dohyo.service.errors import TooLargeError
+from dohyo.service.errors import TooLargeError, TooManyRequestsError
+from dohyo.service.state import Services
+from dohyo.service.web.addresses import payer_of
 from dohyo.service.web.strict_json import require_text
 from dohyo.sumo_networks.errors import InvalidInputError
 
 CHUNK = 1 << 20
 FIELDS = 10
+UNDER_WAY = 4  # uploads of one owner at once
+RETRY_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +52,34 @@ async def receive_upload(request: Request, limit: int) -> AsyncIterator[Upload]:
     Raises:
         InvalidInputError: The body is not such a form, or has not exactly one `file`.
         TooLargeError: The file is too large.
+        TooManyRequestsError: Too many other uploads of the owner are under way.
         OSError: The disk is full.
     """
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
         raise InvalidInputError("expected a body of type multipart/form-data with a part 'file'")
+    with _place(request):
+        async with _received(request, limit) as upload:
+            yield upload
+
+
+@contextmanager
+def _place(request: Request) -> Iterator[None]:
+    """One of the owner's few places for uploads."""
+    services: Services = request.app.state.services
+    taken, payer = services.uploads, payer_of(request)
+    if taken[payer] >= UNDER_WAY:
+        raise TooManyRequestsError(f"at most {UNDER_WAY} uploads at once", RETRY_S)
+    taken[payer] += 1
+    try:
+        yield
+    finally:
+        taken[payer] -= 1
+        if not taken[payer]:
+            del taken[payer]
+
+
+@asynccontextmanager
+async def _received(request: Request, limit: int) -> AsyncIterator[Upload]:
     form = await _form(request)
     try:
         file = _file(form)

@@ -1,8 +1,13 @@
-"""Sixty uploads at once, against a service in its own process: a few are checked, the rest is refused, others go on."""
+"""Sixty uploads at once, against a service in its own process: a few are checked, the rest is refused, others go on.
+
+Uploads that never end are few, too.
+"""
 
 from __future__ import annotations
 
 import json
+import selectors
+import socket
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
@@ -80,3 +85,31 @@ def test_sixty_uploads_at_once_are_bounded_and_keep_nobody_waiting(service: Serv
     assert answered > 0
     assert not list(Path(service.settings.uploads).iterdir())
     assert len(list(service.settings.policies.glob("*.onnx"))) == 1
+
+
+def begin_upload(service: Service, agent: str, authorization: str) -> socket.socket:
+    """An upload whose file does not end."""
+    one = socket.create_connection(("127.0.0.1", service.port), timeout=60)
+    part = b'--b\r\ncontent-disposition: form-data; name="file"; filename="x.onnx"\r\n\r\n' + bytes(1_000_000)
+    head = f"POST /v1/agents/{agent}/submissions/onnx HTTP/1.1\r\nhost: x\r\nauthorization: {authorization}\r\n"
+    about = "content-type: multipart/form-data; boundary=b\r\ncontent-length: 10000000\r\n\r\n"
+    one.sendall((head + about).encode() + part)
+    return one
+
+
+def test_an_owner_has_few_uploads_under_way(service: Service) -> None:
+    greedy, other = caller(service, "greedy"), caller(service, "modest")
+    files = {"spec": (None, SPEC), "file": ("policy.onnx", identity().SerializeToString())}
+    for client, agent in ((greedy, "g"), (other, "m")):
+        assert client.post("/v1/agents", json={"name": agent}).status_code == 201
+    begun = [begin_upload(service, "g", greedy.headers["authorization"]) for _ in range(8)]
+    with selectors.DefaultSelector() as selector:
+        for one in begun:
+            selector.register(one, selectors.EVENT_READ)
+        wait_until(lambda: len(selector.select(0)) == 4, "not all but four are refused")
+        answers = [one.fileobj.recv(10_000) for one, _ in selector.select(0)]  # type: ignore[union-attr]
+    assert all(b" 429 " in one and b"at most 4 uploads at once" in one for one in answers), answers
+    assert other.post("/v1/agents/m/submissions/onnx", files=files).status_code == 202
+    for one in begun:
+        one.close()
+    wait_until(lambda: greedy.post("/v1/agents/g/submissions/onnx", files=files).status_code == 202, "they never end")
