@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gzip
 import json
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -55,15 +57,16 @@ class Trace:
 
 
 def explanation_at(path: Path, tick: int) -> dict[str, Any]:
-    """The explanations of one tick by ego; empty after the last decision.
+    """The explanations of one tick by ego; empty after the last decision. What follows them is not unpacked.
 
     Raises:
         InvalidInputError: If the file is missing or damaged.
     """
     try:
-        lines = gzip.decompress(path.read_bytes()).split(b"\n")
-        found: dict[str, Any] = json.loads(lines[tick] or b"{}") if tick < len(lines) else {}
-    except (OSError, EOFError, ValueError) as error:
+        with gzip.open(path) as lines:
+            line = next(islice(lines, tick, None), b"")
+        found: dict[str, Any] = json.loads(line.strip() or b"{}")
+    except (OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
         raise InvalidInputError(f"{path.name}: expected explanations as JSON lines, gzip'd: {error}") from error
     return found
 

@@ -186,25 +186,20 @@ async def get_episode_explanation(
     caller: Reader,
     services: ServicesOf,
     tick: Annotated[int, Query(ge=0, le=10_000_000, description="The decision taken when the world was at this tick.")],
+    heavy: Heavy,
 ) -> Any:
     """Explanations of the agent's decisions.
 
     The first question of a caller with a token orders a job that drives the episode again, and answers 202 meanwhile.
     """
     episode, evaluation, _ = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.REPLAYS)
-    facts = await run_in_threadpool(_repeatable, services, episode, evaluation)
-    trace = trace_path(record_path(services.settings, episode))
-    if not trace.exists():
-        job = await _explain(services, caller, episode)
-        waiting = WaitingView(episode=episode.id, tick=tick, status="being found out", job=job)
-        headers = {"location": f"/v1/jobs/{job}", "retry-after": str(RETRY_S)}
-        return JSONResponse(waiting.model_dump(), 202, headers)
-    try:
-        found = await run_in_threadpool(explanation_at, trace, tick)
-    except InvalidInputError as error:
-        trace.unlink(missing_ok=True)
-        raise unreadable(episode, error) from error
-    return ExplanationView(episode=episode.id, tick=tick, ticks=facts.ticks, explanations=found)
+    known = await heavy(lambda: _explanation(services, episode, evaluation, tick))
+    if known is not None:
+        return known
+    job = await _explain(services, caller, episode)
+    waiting = WaitingView(episode=episode.id, tick=tick, status="being found out", job=job)
+    headers = {"location": f"/v1/jobs/{job}", "retry-after": str(RETRY_S)}
+    return JSONResponse(waiting.model_dump(), 202, headers)
 
 
 @router.post(
@@ -215,6 +210,22 @@ async def verify_episode(identifier: Identified, caller: Holder, services: Servi
     episode, evaluation, _ = await run_in_threadpool(episode_for, services, caller, identifier, Aspect.RECORDS)
     await run_in_threadpool(_check_repeatable, services, episode, evaluation)
     return await answer_job(services, await _redrive(services, caller, episode), wait_s, made=200)
+
+
+def _explanation(services: Services, episode: Episode, evaluation: Evaluation, tick: int) -> Response | None:
+    """Answer with what is known; None while nothing is."""
+    refuse_unrepeatable(evaluation)
+    facts = record_of(services.settings, episode)
+    trace = trace_path(record_path(services.settings, episode))
+    if not trace.exists():
+        return None
+    try:
+        found = explanation_at(trace, tick)
+    except InvalidInputError as error:
+        trace.unlink(missing_ok=True)
+        raise unreadable(episode, error) from error
+    view = ExplanationView(episode=episode.id, tick=tick, ticks=facts.ticks, explanations=found)
+    return Response(view.model_dump_json(), media_type="application/json")
 
 
 async def _explain(services: Services, caller: Caller, episode: Episode) -> str:
@@ -248,11 +259,6 @@ def _check_repeatable(services: Services, episode: Episode, evaluation: Evaluati
     if is_day(episode):
         raise ConflictError("a day of forecasts is judged again by `dohyo verify RECORD`, and not by the service")
     check_record(services.settings, episode)
-
-
-def _repeatable(services: Services, episode: Episode, evaluation: Evaluation) -> EpisodeRecord:
-    refuse_unrepeatable(evaluation)
-    return record_of(services.settings, episode)
 
 
 def _replay(services: Services, readers: Readers, episode: Episode, version: BenchmarkVersion) -> bytes:

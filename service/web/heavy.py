@@ -2,14 +2,14 @@
 
 Threads that answer small requests therefore never wait behind it. Callers take turns: each has one request at a time,
 so that a caller with many of them delays any other one by a single one. Callers without a token have all threads but
-one. Reads and orders are apart, so that neither waits for the other.
+one, and places of their own to wait in. Reads and orders are apart, so that neither waits for the other.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -24,7 +24,7 @@ from dohyo.service.errors import BusyError, TooManyRequestsError
 from dohyo.service.web.addresses import payer_of
 
 AT_ONCE: Final = 2
-MOST_WAITING: Final = 256
+MOST_WAITING: Final = 256  # of callers without a token; as many of those with one
 MOST_WAITING_PER_CALLER: Final = 32  # an address may be that of a whole class
 REMEMBERED: Final = 10_000
 T = TypeVar("T")
@@ -62,6 +62,7 @@ class HeavyWork:
         self._threads = ThreadPoolExecutor(AT_ONCE, kind)
         self._room, self._anonymous = asyncio.Semaphore(AT_ONCE), asyncio.Semaphore(AT_ONCE - 1)
         self._queues: dict[str, _Queue] = {}
+        self._waiting: Counter[bool] = Counter()
 
     async def compute(self, work: Callable[[], T], payer: str, anonymous: bool) -> T:
         """Result of a computation in one of the threads.
@@ -76,7 +77,7 @@ class HeavyWork:
             BusyError: Too many requests wait.
         """
         self._check(payer)
-        async with self._turn(payer), AsyncExitStack() as stack:
+        async with self._turn(payer, anonymous), AsyncExitStack() as stack:
             if anonymous:
                 await stack.enter_async_context(self._anonymous)
             await stack.enter_async_context(self._room)
@@ -88,18 +89,20 @@ class HeavyWork:
         return result
 
     @asynccontextmanager
-    async def _turn(self, payer: str) -> AsyncIterator[None]:
+    async def _turn(self, payer: str, anonymous: bool) -> AsyncIterator[None]:
         """Waits until no other request of the payer is computed or stands before a thread."""
-        if sum(queue.requests for queue in self._queues.values()) >= MOST_WAITING:
+        if self._waiting[anonymous] >= MOST_WAITING:
             raise BusyError(f"too many costly {self._kind} are waiting")
         queue = self._queues.setdefault(payer, _Queue())
         if queue.requests >= MOST_WAITING_PER_CALLER:
             raise TooManyRequestsError(f"at most {MOST_WAITING_PER_CALLER} costly {self._kind} at once")
         queue.requests += 1
+        self._waiting[anonymous] += 1
         try:
             async with queue.turn:
                 yield
         finally:
+            self._waiting[anonymous] -= 1
             queue.requests -= 1
             if not queue.requests:
                 del self._queues[payer]

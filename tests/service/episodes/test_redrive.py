@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import random
 import signal
 import time
 from pathlib import Path
@@ -197,6 +198,18 @@ def test_a_policys_episode_is_driven_again_in_a_process_within_the_confined_one(
     answer = run("redrive", {"record": str(path)}, kinds.LIMITS, reads=reads, environment=variables)
     assert answer["same"]
     assert answer["replayed"] == read_record(path).record_hash
+
+
+def test_an_explanation_is_found_without_unpacking_those_after_it(tmp_path: Path) -> None:
+    trace, path = Trace(), tmp_path / "trace.gz"
+    note = trace.noter("ego")
+    note({"first": 1})
+    note({"long": random.Random(0).randbytes(1_000_000).hex()})
+    trace.write(path)
+    path.write_bytes(path.read_bytes()[:600_000])
+    assert explanation_at(path, 0) == {"ego": {"first": 1}}
+    with pytest.raises(InvalidInputError, match="expected explanations"):
+        explanation_at(path, 1)
 
 
 def test_explanations_that_are_no_json_are_told_as_text(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from dohyo.service.episodes.explanations import Trace
+from dohyo.service.episodes.kinds import trace_path
 from dohyo.service.errors import BusyError, TooManyRequestsError
 from dohyo.service.web import heavy
 from dohyo.service.web.heavy import HeavyWork
@@ -80,6 +82,23 @@ def test_a_read_that_fails_is_paid_for_and_a_long_queue_is_refused(monkeypatch: 
     asyncio.run(run())
 
 
+def test_callers_without_a_token_take_no_place_of_those_with_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heavy, "MOST_WAITING", 4)
+    reads, free = HeavyWork("reads", 60.0), threading.Event()
+
+    async def run() -> None:
+        held = [asyncio.create_task(reads.compute(lambda: free.wait(60), f"address {n}", True)) for n in range(4)]
+        await asyncio.sleep(0)
+        with pytest.raises(BusyError):
+            await reads.compute(burn, "address 5", True)
+        assert await reads.compute(lambda: 7, "owner team", False) == 7
+        free.set()
+        await asyncio.gather(*held)
+        assert await reads.compute(lambda: 8, "address 5", True) == 8
+
+    asyncio.run(run())
+
+
 def test_a_caller_with_many_reads_delays_another_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """And has no more than its share of those that wait."""
     monkeypatch.setattr(heavy, "MOST_WAITING_PER_CALLER", 20)
@@ -103,11 +122,14 @@ def test_a_caller_with_many_reads_delays_another_by_one(monkeypatch: pytest.Monk
     assert ended[:3] == ["address a", "address b", "address c"]
 
 
-def test_a_reader_pays_for_boards_tables_and_records(shop: Shop) -> None:
+def test_a_reader_pays_for_boards_tables_records_and_explanations(shop: Shop) -> None:
     evaluation, (one,) = shop.evaluation(shop.submission("made"), [episode(ego())])
     paths = [f"/v1/leaderboard{suffix}?benchmark=made" for suffix in ("", ".csv")]
     paths += [f"/v1/evaluations/{evaluation}/{what}" for what in ("metrics", "metrics.csv", "infractions")]
-    paths += [f"/v1/episodes/{one}/{what}" for what in ("record", "trajectory", "events")]
+    paths += [f"/v1/episodes/{one}/{what}" for what in ("record", "trajectory", "events", "explanation?tick=0")]
+    trace = Trace()
+    trace.noter("ego")({"why": "a pedestrian"})
+    trace.write(trace_path(shop.path(one)))
     for path in paths:
         shop.services.reads = HeavyWork("reads", 1e-9)
         answers = [shop.client.get(path), shop.client.get(path), shop.client.get(path, headers=shop.token("ann"))]
