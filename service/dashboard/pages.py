@@ -227,6 +227,6 @@ def _local(target: str) -> str:
 def _names(text: str) -> Iterable[str]:
     try:
         names = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return []
     return [name for name in names if isinstance(name, str)][:_MOST_AGENTS] if isinstance(names, list) else []

@@ -189,7 +189,7 @@ def test_every_page_knows_every_mark(client: httpx.Client) -> None:
 
 def test_agents_keep_the_colours_of_the_report(client: httpx.Client) -> None:
     assert client.get("/colours", params={"agent": '["reckless"]'}).json() == {"reckless": "#E69F00"}
-    for nonsense in ("", "{", "7", '[1, null, {"a": 2}]'):
+    for nonsense in ("", "{", "7", '[1, null, {"a": 2}]', "[" * 20_000):
         assert client.get("/colours", params={"agent": nonsense}).json() == {}
 
 
