@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import delete, func, or_, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.base import new_id, now
@@ -17,6 +17,8 @@ from dohyo.service.webhooks.model import Delivery, Webhook
 
 ATTEMPTS = 8
 FIRST_WAIT = timedelta(seconds=10)
+KEPT = timedelta(days=14)
+"""Time for which a message is kept that was delivered or given up."""
 FINISHED = tuple(status for status in EvaluationStatus if status.finished)
 
 
@@ -95,6 +97,8 @@ def due_deliveries(
 def settle(session: Session, delivery_id: str, failure: str | None, *, final: bool = False) -> None:
     """Stores the result of a delivery; after a failure it is due again with a doubled delay.
 
+    Old messages of its webhook are deleted.
+
     Args:
         session: To write in.
         delivery_id: Identifier of the delivery.
@@ -110,6 +114,9 @@ def settle(session: Session, delivery_id: str, failure: str | None, *, final: bo
         delivery.delivered = now()
     else:
         delivery.due = now() + FIRST_WAIT * 2 ** (delivery.attempts - 1)
+    ended = or_(Delivery.delivered.is_not(None), Delivery.attempts >= ATTEMPTS)
+    old = delete(Delivery).where(Delivery.webhook_id == delivery.webhook_id, Delivery.due < now() - KEPT, ended)
+    session.execute(old.execution_options(synchronize_session=False))
 
 
 def _body(evaluation: Evaluation, agent: str, benchmark: str) -> dict[str, Any]:

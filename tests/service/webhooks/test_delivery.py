@@ -207,6 +207,27 @@ def test_each_failure_doubles_the_wait(database: Database) -> None:
         webhooks.settle(session, "dl-1", None)
 
 
+def test_old_messages_that_are_done_with_go_with_the_next_one(database: Database) -> None:
+    """The table would grow for as long as evaluations end."""
+    old, recent = now() - timedelta(days=15), now() - timedelta(days=13)
+    with database.session() as session:
+        hook, other = (webhooks.add_webhook(session, "team", f"https://example.org/{number}") for number in (1, 2))
+        rows = {
+            "delivered": {"due": old, "delivered": old},
+            "given-up": {"due": old, "attempts": webhooks.ATTEMPTS},
+            "waiting": {"due": old, "attempts": 1},
+            "recent": {"due": recent, "delivered": recent},
+            "now": {},
+        }
+        for name, values in rows.items():
+            session.add(Delivery(id=name, webhook_id=hook.id, body={}, **values))
+        session.add(Delivery(id="of-another", webhook_id=other.id, body={}, due=old, delivered=old))
+    with database.session() as session:
+        webhooks.settle(session, "now", None)
+    with database.reading() as session:
+        assert set(session.scalars(select(Delivery.id))) == {"waiting", "recent", "now", "of-another"}
+
+
 def test_a_receiver_that_drips_delays_only_its_own_messages(
     telling: Harness, receiver: Receiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
