@@ -59,6 +59,7 @@ class Settings(BaseSettings):
             maps, replays, boards, tables, records, comparisons and rescoring; and as many again for orders of
             evaluations.
         bytes_per_owner: Most bytes that one owner keeps: records, policies, networks, uploads that wait.
+        networks_per_owner: Most uploaded networks of one owner; the service holds 100.
         records_kept_days: Days after the end of an evaluation or world after which its records' files go, of ranked
             runs too; rows and scores stay. None: never.
         jobs: Jobs done at once, such as checks of uploads; each has about one process.
@@ -107,6 +108,7 @@ class Settings(BaseSettings):
     evaluations_per_owner: Annotated[int, Field(ge=1)] = 20
     read_seconds_per_minute: Annotated[float, Field(gt=0)] = 30.0
     bytes_per_owner: Annotated[int, Field(ge=1)] = 50_000_000_000
+    networks_per_owner: Annotated[int, Field(ge=1)] = 20
     records_kept_days: Annotated[float | None, Field(gt=0)] = None
     jobs: Annotated[int, Field(ge=1, le=64)] = 2
     jobs_per_owner: Annotated[int, Field(ge=1)] = 20

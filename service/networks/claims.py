@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from dohyo.service.errors import ConflictError
+from dohyo.service.database.engine import serialise
+from dohyo.service.errors import ConflictError, TooManyRequestsError
 from dohyo.service.jobs.model import UNFINISHED, Job
 from dohyo.service.networks.finding import check_free
 from dohyo.service.networks.model import UploadedNetwork
 
 
-def claim_name(session: Session, name: str, owner: str, job_id: str) -> bool:
+def claim_name(session: Session, name: str, owner: str, job_id: str, most: int) -> bool:
     """Claims the name of a new network for a job; whether an earlier start of the job had claimed it.
+
+    Args:
+        session: To write in.
+        name: Name of the network.
+        owner: Its owner.
+        job_id: Identifier of the job.
+        most: Most networks of one owner.
 
     Raises:
         InvalidInputError: The name is invalid.
         ConflictError: There is such a network, or another job imports it.
-        TooManyRequestsError: The catalog is full.
+        TooManyRequestsError: The catalog is full, or the owner has too many networks.
     """
+    serialise(session)
     row = session.get(UploadedNetwork, name)
     if row is not None and row.claim == job_id:
         return True
     if row is not None and (row.claim is None or _is_unfinished(session, row.claim)):
         raise ConflictError(f"network '{name}' exists or is being imported; choose another name")
     check_free(name)
+    others = (UploadedNetwork.owner == owner, UploadedNetwork.name != name)
+    if (session.scalar(select(func.count()).select_from(UploadedNetwork).where(*others)) or 0) >= most:
+        raise TooManyRequestsError(f"you have {most} networks, the most of one owner; delete one", retry_s=3600)
     if row is not None:  # a claim that a crash has left
         session.delete(row)
         session.flush()

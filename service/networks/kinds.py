@@ -18,10 +18,12 @@ def import_roads(task: Task) -> Made:
 
     Raises:
         ConflictError: A network of this name exists, or another job imports one.
+        TooManyRequestsError: The owner, or the service, has as many networks as there may be.
     """
     name, database = str(task.arguments["name"]), task.services.database
+    most = task.services.settings.networks_per_owner
     with database.session() as session:
-        claimed = claims.claim_name(session, name, task.owner, task.id)
+        claimed = claims.claim_name(session, name, task.owner, task.id, most)
     # A network under a claim of this job was published by an earlier start of it.
     if not (claimed and name in network_names()):
         try:
