@@ -16,6 +16,7 @@ from dohyo.service.worlds.live.clock import Pace
 MOST_EGOS = 64
 Text = Annotated[str, Field(min_length=1, max_length=100)]
 Speed = Annotated[float, Field(ge=0.01, le=100)]
+Documents = Annotated[list[dict[str, Any]], Field(fail_fast=True)]  # an error for each item of thousands takes a second
 
 
 class WorldRequest(BaseModel):
@@ -56,11 +57,11 @@ class WorldRequest(BaseModel):
     mission: Text | None = None
     scenario: dict[str, Any] | None = None
     network: Text | None = None
-    missions: Annotated[int, Field(ge=1, le=MOST_EGOS)] | list[dict[str, Any]] = 1
+    missions: Annotated[int, Field(ge=1, le=MOST_EGOS)] | Documents = 1
     traffic: dict[str, Any] = {}
     conditions: Text = "clear"
-    events: list[dict[str, Any]] = []
-    obstacles: list[dict[str, Any]] = []
+    events: Documents = []
+    obstacles: Documents = []
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     undriven: Undriven = "autopilot"
     deadline_s: Annotated[float | None, Field(ge=0.1, le=600)] = None

@@ -159,6 +159,14 @@ def test_the_longest_rules_of_an_organiser_pass(team: Caller) -> None:
     assert answer.status_code == 201, answer.text
 
 
+@pytest.mark.parametrize("field", ["missions", "events", "obstacles"])
+def test_of_thousands_of_wrong_items_the_first_is_told(team: Caller, field: str) -> None:
+    answer = team.post("/v1/worlds", {"network": "ingolstadt", field: ["wrong"] * 10_000})
+    assert_problem(answer, 422)
+    assert {one["where"] for one in answer.json()["errors"]}.isdisjoint({f"body.{field}.1"})
+    assert len(answer.json()["errors"]) <= 2
+
+
 def test_values_are_counted_outside_of_texts() -> None:
     assert parse_json(json.dumps([',"[{\\' * 10_000] * 3)) == [',"[{\\' * 10_000] * 3
     assert len(parse_json(json.dumps(["a,b"] * (MOST_VALUES - 1)))) == MOST_VALUES - 1
