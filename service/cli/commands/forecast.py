@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeGuard
 
 import numpy as np
 import typer
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from dohyo.agents.forecasting.data.reading import Format
     from dohyo.agents.forecasting.data.speed_table import SpeedData
     from dohyo.agents.forecasting.data.windows import Windows
+    from dohyo.agents.forecasting.learned import Learned
     from dohyo.agents.forecasting.live.now import Forecast
+    from dohyo.agents.forecasting.quantiles import Quantiles
 
 Data = Annotated[
     list[Path],
@@ -81,6 +83,8 @@ def fit(
         depth=None if depth < 0 else depth, steps=steps, batch=batch, rate=rate, seed=seed
     )
     forecaster = registry.make_forecaster(model, len(table.segments), table.step_s, settings)
+    if out is not None:
+        _check_beside(forecaster, out)
     train, validation = (make_windows(table.stretches(name), table.step_s) for name in ("train", "validation"))
     columns = (TextColumn("step"), BarColumn(), MofNCompleteColumn(), TextColumn("MSE x 10^3 {task.fields[error]:.3f}"))
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
@@ -247,16 +251,31 @@ def _cell(middle: float, low: float, high: float) -> str:
     return number(middle) if np.isnan(low) else f"{number(middle)} [{number(low)}, {number(high)}]"
 
 
+def _check_beside(forecaster: Forecaster, path: Path) -> None:
+    """Refuses a file beside which an ONNX model of another forecaster would stay, and would take its facts from it."""
+    other = path.with_suffix(".onnx")
+    if not _exports(forecaster) and other.exists():
+        raise InvalidInputError(
+            f"'{forecaster_name(forecaster)}' has no ONNX model, and '{other}' is one of another forecaster: remove it, "
+            "or choose another --out"
+        )
+
+
 def _write(forecaster: Forecaster, path: Path) -> list[Path]:
     """Writes a forecaster's files."""
-    from dohyo.agents.forecasting.learned import Learned
-    from dohyo.agents.forecasting.quantiles import Quantiles
-
     forecaster.save(path)
-    if not isinstance(forecaster, Learned | Quantiles):
+    if not _exports(forecaster):
         return [path]
     forecaster.export(path.with_suffix(".onnx"))
     return [path, path.with_suffix(".onnx")]
+
+
+def _exports(forecaster: Forecaster) -> TypeGuard[Learned | Quantiles]:
+    """Whether a forecaster has an ONNX model too."""
+    from dohyo.agents.forecasting.learned import Learned
+    from dohyo.agents.forecasting.quantiles import Quantiles
+
+    return isinstance(forecaster, Learned | Quantiles)
 
 
 def _report(

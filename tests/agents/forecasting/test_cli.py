@@ -88,3 +88,14 @@ def test_a_model_has_the_same_errors_in_each_of_its_files(tmp_path: Path) -> Non
     np.testing.assert_allclose(onnx["onnx"]["mse_x1000"], fitted["tsmixer"]["mse_x1000"], rtol=1e-3)
     assert alone["persistence"]["mse_x1000"] == fitted["persistence"]["mse_x1000"]
     assert f"the speed 1 of MSE x 10^3 is {3.6 * fitted['free_mps']:.1f} km/h" in dohyo(*evaluate, "persistence")
+
+
+def test_no_onnx_model_of_another_forecaster_stays_beside_a_new_one(tmp_path: Path) -> None:
+    fit = ("forecast", "fit", "--data", write_csv(tmp_path / "t.csv", road_speeds(200, 3)), "--depth", -1)
+    out = ("--out", tmp_path / "f.safetensors")
+    dohyo(*fit, *out, "--model", "tsmixer", "--steps", 1)
+    before = out[1].read_bytes()
+    with pytest.raises(DohyoError, match=r"'linear' has no ONNX model, and '.*f\.onnx' is one of another forecaster"):
+        dohyo(*fit, *out, "--model", "linear")
+    assert out[1].read_bytes() == before
+    dohyo(*fit, *out, "--model", "tsmixer", "--steps", 2)
