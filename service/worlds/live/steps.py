@@ -8,11 +8,11 @@ import time
 import msgspec
 from msgspec import UNSET
 
-from dohyo.service.errors import BusyError
+from dohyo.service.errors import BusyError, TooLargeError
 from dohyo.service.simulating.actors import WorldActors
 from dohyo.service.spectating.plans import Plans
 from dohyo.service.wire.messages import NOTHING, Format, decode
-from dohyo.service.wire.requests import StaleTickError
+from dohyo.service.wire.requests import BODY_LIMIT, StaleTickError
 from dohyo.service.worlds.bodies import FARTHEST_M, EgoOutcome, WorldReply, WorldStep
 from dohyo.service.worlds.live.lockstep import Lockstep
 from dohyo.service.worlds.live.seat import Seat
@@ -87,6 +87,8 @@ class Steps:
 
     def _decide(self, seat: Seat, step: WorldStep, fmt: Format) -> None:
         """Takes all that a step has, or nothing of it."""
+        if memoryview(step.actions).nbytes > BODY_LIMIT:  # nested lists take the event loop a second for each 2 MB
+            raise TooLargeError(BODY_LIMIT)
         deciding = tuple(ego for ego in seat.egos if ego in self._simulation.driving)
         poses = {ego: Pose(*pose) for ego, pose in self._simulation.shown.poses.items()}
         decision = seat.check(decode(bytes(step.actions), fmt), deciding, poses)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dohyo.service.errors import BusyError, ConflictError, TooManyRequestsError
+from dohyo.service.errors import BusyError, ConflictError, TooLargeError, TooManyRequestsError
 from dohyo.service.running.channel import Kind
 from dohyo.service.simulating.actors import ActorChange, ActorRow
 from dohyo.service.worlds.live.seats import MOST_WITHOUT_EGOS
@@ -82,6 +82,7 @@ def test_a_step_that_is_refused_changes_nothing() -> None:
             ({"action": at(50.0), "actors": {"put": [GHOST]}, "plans": plan}, InvalidInputError),
             ({"action": at(1.0), "actors": {"put": [GHOST]}, "plans": {"back": []}}, InvalidInputError),
             ({"action": at(1.0), "actors": {"put": [GHOST, foreign]}, "plans": plan}, ConflictError),
+            ({"action": [[[]]] * 50_000, "actors": {"put": [GHOST]}, "plans": plan}, TooLargeError),
         ]:
             with pytest.raises(refusal):
                 await step(world, seat, 0, **fault)
