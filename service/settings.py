@@ -56,8 +56,8 @@ class Settings(BaseSettings):
         queued_per_owner: Most waiting episodes of one owner.
         evaluations_per_owner: Most unfinished evaluations of one owner.
         read_seconds_per_minute: Processor seconds a minute that one owner, or one address without a token, may use for
-            maps, replays, boards, tables, records, comparisons and rescoring; and as many again for orders of
-            evaluations.
+            maps, replays, boards, tables, records, explanations, comparisons and rescoring; and as many again for
+            orders of evaluations, and for parsing long bodies.
         bytes_per_owner: Most bytes that one owner keeps: records, policies, networks, uploads that wait.
         networks_per_owner: Most uploaded networks of one owner; the service holds 100.
         records_kept_days: Days after the end of an evaluation or world after which its records' files go, of ranked
