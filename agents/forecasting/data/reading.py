@@ -157,7 +157,9 @@ def _read_folder(path: Path, how: Format, learn: str) -> SpeedData:
         if days:
             sets[name] = days
     if learn not in sets:
-        raise InvalidInputError(f"'{path}': expected days in '{path / learn}', found no *.parquet")
+        others = sorted({file.parent.name for file in path.glob("*/*.parquet")} - {learn, *MEASURED_SETS})
+        hint = f"; learn from other days of it: --learn {others[0]}" if others else ""
+        raise InvalidInputError(f"'{path}': expected days in '{path / learn}', found no *.parquet{hint}")
     everything = [day for days in sets.values() for day in days]
     check_speeds(everything, segments, str(path), how.unit, how.max_missing, how.trust_unit)
     train, validation = hold_out_days(sets.pop(learn))

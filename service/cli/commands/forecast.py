@@ -46,6 +46,9 @@ DayFirst = Annotated[
     bool | None,
     typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2026. [default: by all dates]"),
 ]
+Learn = Annotated[
+    str | None, typer.Option(help="Days of a folder to learn from: train, or its mornings. [default: train]")
+]
 FigureFile = Annotated[
     Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it if chromium is installed.")
 ]
@@ -64,6 +67,7 @@ def fit(
     resample: Resample = None,
     trust_unit: Trust = False,
     day_first: DayFirst = None,
+    learn: Learn = None,
     figure: FigureFile = None,
     depth: Annotated[int, typer.Option(min=-1, max=4, help="Depth of the Laplacian pyramid loss; -1: none.")] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Most optimiser steps in each phase.")] = 600,
@@ -78,7 +82,8 @@ def fit(
 
     if out is not None and out.suffix != ".safetensors":
         raise InvalidInputError(f"expected --out to end in .safetensors, got '{out}'")
-    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first))
+    how = _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first)
+    table = _read(data, how, learn)
     settings = training.TrainSettings(
         depth=None if depth < 0 else depth, steps=steps, batch=batch, rate=rate, seed=seed
     )
@@ -108,12 +113,14 @@ def evaluate(
     resample: Resample = None,
     trust_unit: Trust = False,
     day_first: DayFirst = None,
+    learn: Learn = None,
     figure: FigureFile = None,
     sets: Annotated[str | None, typer.Option(help="Separated by commas, such as test or easy,hard.")] = None,
     json: Json = False,
 ) -> None:
     """Prints the errors of a trained forecaster beside those of persistence."""
-    table = _read(data, _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first))
+    how = _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first)
+    table = _read(data, how, learn)
     forecaster = _loaded(model, len(table.segments), table.step_s, table.source)
     chosen = sets.split(",") if sets else table.measured_sets
     _report(forecaster, table, chosen, json, _draw(forecaster, table, chosen[0], unit, figure))
@@ -177,10 +184,15 @@ def _format(
     return Format(unit, step_s, max_missing, missing_value, tolerance, resample_s, trust_unit, day_first=day_first)
 
 
-def _read(paths: Sequence[Path], how: Format) -> SpeedData:
+def _read(paths: Sequence[Path], how: Format, learn: str | None) -> SpeedData:
+    """Tables, or a folder with the set of days to learn from."""
     from dohyo.agents.forecasting.data.reading import read_data
 
-    return read_data(paths, how)
+    if learn is None:
+        return read_data(paths, how)
+    if not paths[0].is_dir():
+        raise InvalidInputError(f"expected --learn with a folder of days, '{paths[0]}' is none")
+    return read_data(paths, how, learn)
 
 
 def _loaded(model: str, segments: int, step_s: float, source: str) -> Forecaster:
@@ -256,8 +268,8 @@ def _check_beside(forecaster: Forecaster, path: Path) -> None:
     other = path.with_suffix(".onnx")
     if not _exports(forecaster) and other.exists():
         raise InvalidInputError(
-            f"'{forecaster_name(forecaster)}' has no ONNX model, and '{other}' is one of another forecaster: remove it, "
-            "or choose another --out"
+            f"'{forecaster_name(forecaster)}' has no ONNX model, and '{other}' is one of another forecaster: remove "
+            "it, or choose another --out"
         )
 
 

@@ -99,3 +99,17 @@ def test_no_onnx_model_of_another_forecaster_stays_beside_a_new_one(tmp_path: Pa
         dohyo(*fit, *out, "--model", "linear")
     assert out[1].read_bytes() == before
     dohyo(*fit, *out, "--model", "tsmixer", "--steps", 2)
+
+
+def test_a_folder_of_mornings_alone_is_learned_from(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "freeway", days=3, rows=40, segments=4)
+    (folder / "train").rename(folder / "mornings")
+    fit = ("forecast", "fit", "--data", folder, "--model", "linear", "--json")
+    with pytest.raises(DohyoError, match=r"expected days in '.*train', found no \*\.parquet; .*: --learn mornings"):
+        dohyo(*fit)
+    learned = json.loads(dohyo(*fit, "--learn", "mornings", "--out", tmp_path / "f.safetensors"))["sets"]
+    evaluate = ("forecast", "evaluate", "--data", folder, "--model", tmp_path / "f.safetensors", "--json")
+    assert json.loads(dohyo(*evaluate, "--learn", "mornings"))["sets"] == learned
+    table = write_csv(tmp_path / "t.csv", road_speeds(200, 4))
+    with pytest.raises(DohyoError, match="expected --learn with a folder of days"):
+        dohyo("forecast", "fit", "--data", table, "--model", "linear", "--learn", "mornings")
