@@ -31,6 +31,10 @@ TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", 
 MEASURED_SETS = ("easy", "hard")
 MOST_MINUTES = 1e8
 """Largest number of a column of times that is taken as minutes, 190 years; Unix times are larger since 1973."""
+UNITS_S = (1e-9, 1e-6, 1e-3, 1.0, 60.0)
+"""Units of columns of numbers, s."""
+OTHER_STEP = 4.0
+"""Largest factor between the step of the rows and the one that was given by which a unit is still recognised."""
 NULLS = ["", "nan", "NaN", "NA", "null", "None", "-"]
 
 
@@ -293,9 +297,8 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
     if column.dtype.is_temporal():
         time_s = np.asarray(column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 1e6, dtype=np.float64)
     elif step_s is not None:
-        time_s = column.to_numpy().astype(np.float64)
-        steps = np.diff(time_s)
-        time_s = time_s * (step_s / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 1.0)
+        numbers = column.to_numpy().astype(np.float64)
+        time_s = numbers * _unit_s(path, column.name, numbers, step_s)
     else:
         time_s = 60.0 * _minutes(path, column)
     steps = np.diff(time_s)
@@ -304,6 +307,25 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
             f"'{path}': expected times that increase, {_place(path, int(steps.argmin()) + 1)} does not; sort the rows"
         )
     return np.asarray(time_s, dtype=np.float64)
+
+
+def _unit_s(path: Path, name: str, numbers: FloatArray, step_s: float) -> float:
+    """Seconds in one unit of a column of numbers whose rows are about `step_s` apart."""
+    steps = np.diff(numbers)
+    steps, largest = steps[steps > 0.0], float(np.abs(numbers).max())
+    possible = [unit for unit in UNITS_S if largest * unit <= 60.0 * MOST_MINUTES]
+    if possible and not len(steps):
+        return possible[-1]
+    apart = float(np.median(steps)) if len(steps) else 0.0
+    if apart == 1.0 and largest <= MOST_MINUTES:
+        return step_s  # numbers of rows
+    near = [unit for unit in possible if 1.0 / OTHER_STEP <= apart * unit / step_s <= OTHER_STEP]
+    if not near:
+        raise InvalidInputError(
+            f"'{path}': expected minutes, seconds, or thousandths of these in column '{name}', with rows "
+            f"{step_s / 60:g} minutes apart (--step), got {numbers[0]:.15g} and rows {apart:.15g} apart"
+        )
+    return near[0]
 
 
 def _offset_s(path: Path, column: pl.Series, how: Format) -> float | None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from dohyo.agents.forecasting.data.gaps import fill
 from dohyo.agents.forecasting.data.reading import Format, read_data, read_latest
 from dohyo.agents.forecasting.data.windows import make_windows
+from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_speeds, road_stretch, write_csv, write_folder
 
@@ -139,6 +140,49 @@ def test_unix_times_are_read_with_the_minutes_between_rows(tmp_path: Path, per_s
     times = (1441045320 + 300 * np.arange(200)) * per_s
     pl.DataFrame({"timestamp": times, "s": road_speeds(200, 1)[:, 0]}).write_csv(tmp_path / "t.csv")
     assert read_latest(tmp_path / "t.csv", Format(step_s=300.0)).start_s == 1441045320.0
+
+
+def unix_times(rows: int, per_s: int, seed: int) -> IntArray:
+    """Every 5 minutes and up to 20 s later."""
+    random = np.random.default_rng(seed)
+    return (1756684800 + 300 * np.arange(rows) + random.integers(0, 21, rows)) * per_s + random.integers(0, per_s, rows)
+
+
+@pytest.mark.parametrize("per_s", [1, 10**3, 10**6, 10**9])
+def test_uneven_unix_times_are_those_of_the_rows(tmp_path: Path, per_s: int) -> None:
+    speeds, how = road_speeds(3000, 1), Format(step_s=300.0)
+    paths = [tmp_path / name for name in ("a.csv", "b.csv")]
+    for seed, path in enumerate(paths):
+        pl.DataFrame({"timestamp": unix_times(3000, per_s, seed), path.stem: speeds[:, 0]}).write_csv(path)
+    grid = read_latest(paths, how)
+    assert len(grid.place) == 3000
+    assert np.isfinite(grid.speeds).all(), "both files have each step"
+    assert grid.last_s == pytest.approx(1756684800 + 300 * 2999, abs=21.0)
+    lines = paths[0].read_text().splitlines(keepends=True)
+    last_s = []
+    for rows in range(2000, 2010):
+        paths[0].write_text("".join(lines[: rows + 1]))
+        last_s.append(read_latest(paths[0], how).last_s)
+    assert np.diff(last_s).tolist() == [300.0] * 9, "a step for each row that is added"
+
+
+@pytest.mark.parametrize(
+    ("every", "message"),
+    [
+        (301, "expected a row every 300 s, got times 301 s apart"),
+        (7, "expected minutes, seconds, .* with rows 5 minutes apart .* rows 7 apart"),
+    ],
+)
+def test_unix_times_of_another_step_are_refused(tmp_path: Path, every: int, message: str) -> None:
+    times = 1756684800 + every * np.arange(200)
+    pl.DataFrame({"timestamp": times, "s": road_speeds(200, 1)[:, 0]}).write_csv(tmp_path / "t.csv")
+    with pytest.raises(InvalidInputError, match=message):
+        read_latest(tmp_path / "t.csv", Format(step_s=300.0))
+
+
+def test_numbers_of_rows_are_times_with_a_step(tmp_path: Path) -> None:
+    pl.DataFrame({"index": np.arange(200), "s": road_speeds(200, 1)[:, 0]}).write_csv(tmp_path / "t.csv")
+    assert read_latest(tmp_path / "t.csv", Format(step_s=300.0)).last_s == 300.0 * 199
 
 
 @pytest.mark.parametrize("name", bad_tables())
