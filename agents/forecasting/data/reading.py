@@ -35,7 +35,7 @@ UNITS_S = (1e-9, 1e-6, 1e-3, 1.0, 60.0)
 """Units of columns of numbers, s."""
 OTHER_STEP = 4.0
 """Largest factor between the step of the rows and the one that was given by which a unit is still recognised."""
-NULLS = ["", "nan", "NaN", "NA", "null", "None", "-"]
+NULLS = ["", "nan", "NaN", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +210,7 @@ def _read_grid(paths: Sequence[Path], how: Format) -> Grid:
 def _read_rows(path: Path, how: Format) -> Rows:
     table = _frame(path, how)
     time = next((name for name in table.columns[:1] if _is_time(table[name])), None)
-    names = tuple(name for name in table.columns if name != time)
+    names = tuple(name for name in table.columns if name != time and not _is_end(table[name]))
     if not names or not len(table):
         raise InvalidInputError(
             f"'{path}': expected rows of times and columns of speeds, got {len(table)} rows, {len(names)} columns"
@@ -253,6 +253,11 @@ def _is_time(column: pl.Series) -> bool:
     return column.dtype.is_temporal() or in_numbers or column.name.strip().lower() in TIME_NAMES
 
 
+def _is_end(column: pl.Series) -> bool:
+    """Whether a column is none: lines that end in a comma have one without a name and without values."""
+    return not column.name.strip() and column.null_count() == len(column)
+
+
 def _place(path: Path, row: int) -> str:
     """Name of a row, as editors count the lines of a file."""
     return f"line {row + 2}" if path.suffix.lower() == ".csv" else f"row {row + 1}"
@@ -272,17 +277,28 @@ def _speeds(path: Path, table: pl.DataFrame, names: Sequence[str], how: Format) 
 
 
 def _numbers(path: Path, table: pl.DataFrame, names: Sequence[str]) -> Float32Array:
-    wrong = [name for name in names if not (table[name].dtype.is_numeric() or table[name].dtype == pl.Null)]
-    if wrong:
-        value = table[wrong[0]].drop_nulls().to_list()[:1]
-        raise InvalidInputError(
-            f"'{path}': expected numbers in column '{wrong[0]}', got {value[0] if value else '?'!r}"
-        )
-    out = table.select(pl.col(list(names)).cast(pl.Float32)).to_numpy().astype(np.float32)
+    out = table.select([_number_column(path, table[name]) for name in names]).to_numpy().astype(np.float32)
     if np.isinf(out).any():
         row, column = np.argwhere(np.isinf(out))[0]
         raise InvalidInputError(f"'{path}': column '{names[column]}' is infinite in {_place(path, row)}")
     return out
+
+
+def _number_column(path: Path, column: pl.Series) -> pl.Series:
+    """A column as numbers; one without a value, such as that of a broken detector, has any type."""
+    is_known = column.is_not_null()
+    if not column.dtype.is_numeric() and is_known.any():
+        numbers = (
+            column.cast(pl.Float64, strict=False) if column.dtype == pl.String else pl.Series([None] * len(column))
+        )
+        wrong = is_known & numbers.is_null()
+        if wrong.any():
+            row = int(wrong.arg_max() or 0)
+            raise InvalidInputError(
+                f"'{path}': expected numbers in column '{column.name}', got {column[row]!r} in {_place(path, row)}"
+            )
+        column = numbers
+    return column.cast(pl.Float32)
 
 
 def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> FloatArray:

@@ -197,7 +197,8 @@ def _check_unit(speeds: Float32Array, segments: Sequence[str], where: str, unit:
     """Refuses a table, or one column of it, whose free speed no road has."""
     low, high = FREE_MPS
     free = float(np.nanquantile(speeds, 0.95))
-    fastest = np.nanquantile(speeds, 0.95, axis=0)
+    fastest, known = np.zeros(speeds.shape[1]), np.isfinite(speeds).any(axis=0)
+    fastest[known] = np.nanquantile(speeds[:, known], 0.95, axis=0)
     if low <= free <= high and fastest.max() <= high:
         return
     whose = "the free speed (95 % of the values are below it)"

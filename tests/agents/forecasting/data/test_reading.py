@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from dohyo.agents.forecasting.data.gaps import fill
 from dohyo.agents.forecasting.data.reading import Format, read_data, read_latest
 from dohyo.agents.forecasting.data.windows import make_windows
+from dohyo.agents.forecasting.live.now import forecast_now
+from dohyo.agents.forecasting.simple import Persistence
 from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from tests.agents.forecasting.roads import road_speeds, road_stretch, write_csv, write_folder
@@ -267,3 +269,32 @@ def test_later_rows_change_no_earlier_history(seed: int, cut: int) -> None:
         mine, theirs = before.history[before.row == row], after.history[after.row == row]
         if len(mine) and len(theirs):
             np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_a_detector_without_a_value_stops_no_forecast_of_the_others(tmp_path: Path, kind: str) -> None:
+    times = [datetime.datetime(2026, 3, 2) + datetime.timedelta(minutes=minute) for minute in range(60)]
+    table = pl.DataFrame({"time": times, "a": road_speeds(60, 1)[:, 0], "dead": [None] * 60, "b": [20.0, 21.0] * 30})
+    path = tmp_path / f"t.{kind}"
+    table.write_csv(path) if kind == "csv" else table.cast({"dead": pl.Float64}).write_parquet(path)
+    grid = read_latest(path)
+    assert grid.names == ("a", "dead", "b")
+    forecast = forecast_now(Persistence(3), grid)
+    np.testing.assert_allclose(forecast.ahead[:, 1], forecast.ahead[:, [0, 2]].mean(axis=1), atol=1e-3)
+
+
+def test_lines_that_end_in_a_comma_have_no_other_column(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("minute,a,\n" + "".join(f"{minute},2{minute % 5},\n" for minute in range(60)))
+    assert read_latest(tmp_path / "t.csv").names == ("a",)
+
+
+def test_a_word_among_speeds_is_named_by_its_line(tmp_path: Path) -> None:
+    lines = ["minute,a,b", *(f"{minute},2{minute % 5},20.5" for minute in range(60))]
+    lines[9] = "8,N/A,20.5"
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    assert np.argwhere(np.isnan(read_latest(tmp_path / "t.csv").speeds)).tolist() == [[8, 0]]
+    lines[19] = "18,ERR,20.5"
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InvalidInputError, match="expected numbers in column 'a', got 'ERR' in line 20"):
+        read_latest(tmp_path / "t.csv")
