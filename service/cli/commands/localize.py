@@ -16,7 +16,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.localization.diagnosis import SettingsWarning, check_noise, diagnose
 from dohyo.agents.localization.filters.consistency import mean_bounds, quantile
-from dohyo.agents.localization.localizer import Localizer
+from dohyo.agents.localization.late_fix import follow_from_start
 from dohyo.agents.localization.logs import (
     ImuLog,
     PositionLog,
@@ -31,7 +31,7 @@ from dohyo.agents.localization.study.figures import error_figure, nis_figure, pa
 from dohyo.agents.localization.study.grid import FILTERS, grid, write_results
 from dohyo.agents.localization.study.grid import study as run_study
 from dohyo.agents.localization.study.tables import by_sigma
-from dohyo.agents.localization.track import EstimatedTrack, follow, smooth
+from dohyo.agents.localization.track import EstimatedTrack, smooth
 from dohyo.agents.localization.track_file import write_track
 from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.report.pictures import write_page
@@ -155,9 +155,8 @@ def _localized(
         raise InvalidInputError(f"'{truth}' and '{gnss}': expected both in degrees or both in metres")
     speeds = read_wheel_speeds(wheel_speed) if wheel_speed else []
     check_together(samples, fixes)
-    localizer = Localizer(settings)
     recording = samples.time, samples.samples, fixes.fixes(), speeds
-    track = follow(localizer, *recording)
+    localizer, track = follow_from_start(settings, *recording)
     return Result(
         settings=settings,
         imu=samples,
