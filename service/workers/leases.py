@@ -35,6 +35,7 @@ POLL_PAUSE_S = 5.0  # a worker counts as waiting for so long after its last poll
 FORGET_S = 300.0  # silent workers and replies of ended leases are forgotten after it
 MOST_RETURNS = 3
 LONGEST_TICK_S = 120.0  # time for the simulation's tick
+SLOWEST_PACE = 10.0  # the same per simulated second where a decision holds for longer: a planner can fill the road
 UNTOLD = {
     End.FAILED: "the simulation failed; the evaluation has the reason",
     End.IMPOSSIBLE: "the episode cannot be driven; the evaluation has the reason",
@@ -365,8 +366,9 @@ class LeaseBook:
         self._forget()
         for lease in [one for one in self._leases.values() if not one.ended]:
             if lease.moving is not None:
-                if now - lease.moving > LONGEST_TICK_S:
-                    self._lose(lease, End.FAILED, f"the simulation took longer than {LONGEST_TICK_S:g} s for one tick")
+                longest_s = max(LONGEST_TICK_S, SLOWEST_PACE * lease.episode.order.decision_s)
+                if now - lease.moving > longest_s:
+                    self._lose(lease, End.FAILED, f"the simulation took longer than {longest_s:g} s for one tick")
             elif lease.refused and now > lease.due:
                 self._time_out(lease)
             elif now - lease.heard > self.lease_ttl_s:

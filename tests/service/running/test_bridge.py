@@ -38,7 +38,11 @@ def decided(bad: bytes, check: Callable[[np.ndarray], np.ndarray]) -> tuple[np.n
     return action, text.decode()
 
 
-@pytest.mark.parametrize("bad", [EMPTY_BUT_HUGE, b"", b"\xc1", b"\x91" * 60_000, b"\xdd\xff\xff\xff\xff"])
+@pytest.mark.parametrize(
+    "bad",
+    [EMPTY_BUT_HUGE, b"", b"\xc1", b"\x91" * 60_000, b"\xdd\xff\xff\xff\xff"],
+    ids=["empty-but-huge", "empty", "unused", "deep", "longer-than-told"],
+)
 def test_bytes_that_are_no_actions_are_refused(bad: bytes) -> None:
     action, why = decided(bad, lambda given: given)
     assert why.startswith(("expected", "action of 'ego': expected"))

@@ -12,6 +12,8 @@ from typing import Any, cast
 import msgspec
 import pytest
 
+from dohyo.evaluation.freeway.benchmark import load_freeway_benchmark
+from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.database.engine import Database
 from dohyo.service.errors import ConflictError, GoneError, UnauthorisedError
@@ -492,6 +494,33 @@ def test_a_dead_process_ends_the_lease_and_not_with_done() -> None:
         await asyncio.sleep(0)
         book.ended(lease.episode, Outcome(End.DIED, "episode process ended with code -9"))
         with pytest.raises(GoneError, match="-9"):
+            await task
+
+    run(test())
+
+
+@pytest.mark.parametrize("family", ["driving", "freeway"])
+def test_a_tick_that_never_ends_is_a_fault_of_the_simulation(clock: Clock, family: str) -> None:
+    """A minute of the freeway may take ten, or a planner could lose its morning by filling the road."""
+
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        lease, process = await leased(book)
+        if family == "freeway":
+            benchmark = load_freeway_benchmark("dissipation")
+            morning = MorningScenario(benchmark=benchmark, seed=1)  # type: ignore[arg-type]  # it is of traffic
+            lease.episode.order = lease.episode.order.model_copy(update={"scenario": morning})
+        task = asyncio.create_task(book.step(lease, answer(0), Format.MSGPACK))
+        await asyncio.sleep(0)
+        longest_s = {"driving": 120.0, "freeway": 600.0}[family]
+        clock.now += longest_s - 1.0
+        book.sweep()
+        assert process.killed is None
+        clock.now += 2.0
+        book.sweep()
+        assert process.killed is not None
+        assert process.killed.end is End.FAILED
+        with pytest.raises(GoneError, match=f"longer than {longest_s:g} s for one tick"):
             await task
 
     run(test())
