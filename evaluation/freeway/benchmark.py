@@ -101,6 +101,8 @@ class TrafficBenchmark(_Named):
         duration_s: Duration of control and measurement, s.
         warm_up_s: Simulated time before the feed of segment speeds begins, s.
         penetration: Share of connected cars, in [0, 1].
+        least_throughput_vph: Mean throughput past the bottleneck below which a run has no rank: traffic that creeps is
+            even. Vehicles/h; 0: any has one.
         seeds: Seeds that are driven by default.
     """
 
@@ -112,6 +114,7 @@ class TrafficBenchmark(_Named):
     duration_s: Annotated[float, Field(gt=0, le=86400)]
     warm_up_s: Annotated[float, Field(ge=0)]
     penetration: Annotated[float, Field(ge=0, le=1)]
+    least_throughput_vph: Annotated[float, Field(ge=0, exclude_if=lambda least: least == 0.0)] = 0.0
     seeds: Annotated[tuple[int, ...], Field(min_length=1)]
 
     @property

@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from dohyo.evaluation.freeway.benchmark import ForecastBenchmark
+from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, TrafficBenchmark
 from dohyo.evaluation.freeway.result import RESULT, FreewayResult, Row, rows
 from dohyo.evaluation.output_file import write_output
 from dohyo.evaluation.report.style import MISSING, number
@@ -83,11 +83,20 @@ def finding(result: FreewayResult) -> str:
     ours, theirs = result.estimates[first.key], result.reference_estimates[first.key]
     said = f"{first.title} {number(ours.mean or 0.0)} ({first.unit})"
     if result.agent.name == result.reference or theirs.mean is None or first.key not in result.comparisons:
-        return f"{said}."
+        return f"{said}.{_no_rank(result)}"
     verdict = {"<": "less than", ">": "more than", "=": "not significantly different from"}[
         result.comparisons[first.key].verdict
     ]
-    return f"{said}, {verdict} {result.reference}'s {number(theirs.mean)}."
+    return f"{said}, {verdict} {result.reference}'s {number(theirs.mean)}.{_no_rank(result)}"
+
+
+def _no_rank(result: FreewayResult) -> str:
+    """A second sentence where fewer vehicles passed than the benchmark asks for; else nothing."""
+    least = result.benchmark.least_throughput_vph if isinstance(result.benchmark, TrafficBenchmark) else 0.0
+    passed = result.estimates["throughput_vph"].mean if least else None
+    if passed is None or passed >= least:
+        return ""
+    return f" A run with a throughput of {number(passed)} veh/h, below {number(least)}, has no rank."
 
 
 def unit_word(result: FreewayResult) -> str:

@@ -38,11 +38,13 @@ class Unranked(StrEnum):
     """Why a place has no rank.
 
     OTHER_VERSION: another version of dohyo drove it than the runs with a rank, or several versions did. LOST_TOO_MANY:
-    it lost more than `LOST_SHARE` of its drives. BASELINE: it is the organiser's, to compare with.
+    it lost more than `LOST_SHARE` of its drives. LOW_THROUGHPUT: fewer vehicles passed than its benchmark asks for.
+    BASELINE: it is the organiser's, to compare with.
     """
 
     OTHER_VERSION = "other_version"
     LOST_TOO_MANY = "lost_too_many"
+    LOW_THROUGHPUT = "low_throughput"
     BASELINE = "baseline"
 
 
@@ -133,6 +135,12 @@ class Entry:
         there = scores_of(self.drives)
         return {name: estimate(name, self.drives) for name in (*COLUMNS, *OF_SOME) if name in there}
 
+    @property
+    def low_throughput(self) -> bool:
+        """Whether fewer vehicles passed than the benchmark of mornings asks for, in the mean of all of them."""
+        passed = self.scores["throughput_vph"].mean if "throughput_vph" in self.scores else None
+        return passed is not None and any(passed < one.facts.get("least_throughput_vph", 0.0) for one in self.drives)
+
     @cached_property
     def per_km(self) -> dict[str, float]:
         """Infractions per kilometre."""
@@ -153,6 +161,7 @@ class Contender:
         dohyo_versions: Versions of dohyo that drove it.
         values: (episodes,) mean headline score of the egos of each, in the same order for every run of the ranking; NaN
             for a lost one.
+        low_throughput: Whether fewer vehicles passed than its benchmark asks for.
     """
 
     evaluation: str
@@ -163,6 +172,7 @@ class Contender:
     ordered: datetime
     dohyo_versions: tuple[str, ...]
     values: FloatArray
+    low_throughput: bool = False
 
     @property
     def lost(self) -> int:
@@ -185,6 +195,8 @@ class Contender:
             return Unranked.OTHER_VERSION
         if self.lost_too_many:
             return Unranked.LOST_TOO_MANY
+        if self.low_throughput:
+            return Unranked.LOW_THROUGHPUT
         return Unranked.BASELINE if self.baseline else None
 
     def common(self, other: Contender) -> BoolArray:
@@ -214,15 +226,15 @@ class Place:
 def ranked_version(runs: Sequence[Contender]) -> str | None:
     """The newest version of dohyo among the runs that may have a rank, else among all; None: each has several."""
     pure = [run for run in runs if run.version is not None]
-    able = [run for run in pure if not (run.baseline or run.lost_too_many)]
+    able = [run for run in pure if not (run.baseline or run.lost_too_many or run.low_throughput)]
     return newest([run.dohyo_versions[0] for run in able or pure])
 
 
 def places_of(runs: Iterable[Contender]) -> list[Contender]:
     """The best run of each entrant, the highest score first; of equal scores, the earlier order.
 
-    Runs that lost too many drives are below all others, those with the fewest lost drives first; runs of other versions
-    of dohyo are below those, the newest first.
+    Runs with too low a throughput are below all others, and below them those that lost too many drives, those with the
+    fewest lost drives first; runs of other versions of dohyo are below those, the newest first.
     """
     best: dict[str, Contender] = {}
     runs = sorted(runs, key=_by_score)
@@ -325,5 +337,5 @@ def _newness(run: Contender, version: str | None) -> tuple[bool, bool, object]:
     return run.version == version, run.version is not None, version_order(run.version or EARLIER)
 
 
-def _by_score(run: Contender) -> tuple[int, float, datetime, str]:
-    return run.lost if run.lost_too_many else 0, -run.score, run.ordered, run.evaluation
+def _by_score(run: Contender) -> tuple[int, bool, float, datetime, str]:
+    return run.lost if run.lost_too_many else 0, run.low_throughput, -run.score, run.ordered, run.evaluation

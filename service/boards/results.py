@@ -59,6 +59,7 @@ def facts_of(entry: Entry, headline: str) -> dict[str, Any]:
         "episodes": len({drive.episode for drive in entry.drives}),
         "drives": len(entry.drives),
         "lost": sum(entry.lost.values()),
+        "low_throughput": entry.low_throughput,
         "values": _values(entry, headline) if entry.drives and headline in entry.scores else [],
     }
 

@@ -47,6 +47,7 @@ class RowView(View):
         Field(
             description="Why it has no rank; null where it has one. other_version: another version of dohyo drove it "
             "than the runs with a rank, or several did; lost_too_many: it lost more than a tenth of its drives; "
+            "low_throughput: fewer vehicles passed the bottleneck than its benchmark asks for; "
             "baseline: it is the organiser's."
         ),
     ]

@@ -412,7 +412,7 @@ EpisodeStatus = Literal["queued", "running", "done", "lost", "cancelled"]
 EvaluationStatus = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
-Unranked = Literal["other_version", "lost_too_many", "baseline"]
+Unranked = Literal["other_version", "lost_too_many", "low_throughput", "baseline"]
 
 
 WorldStatus = Literal["waiting", "running", "paused", "over", "done", "ended", "failed"]

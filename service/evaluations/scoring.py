@@ -199,9 +199,14 @@ def summary_of(
 
 
 def summary_of_morning(record: MorningRecord) -> dict[str, Any]:
-    """A morning as the summary of one drive, that of its planner, with `morning`: the measures of all vehicles."""
-    duration_s = 0.0 if record.failure is not None else record.scenario.benchmark.duration_s
-    return _summary_without_drives(PLANNER, record, duration_s, {"morning": record.outcome})
+    """A morning as the summary of one drive, that of its planner.
+
+    Its `morning` has the measures of all vehicles, and `least_throughput_vph` is that of the benchmark.
+    """
+    benchmark = record.scenario.benchmark
+    duration_s = 0.0 if record.failure is not None else benchmark.duration_s
+    facts = {"morning": record.outcome, "least_throughput_vph": benchmark.least_throughput_vph}
+    return _summary_without_drives(PLANNER, record, duration_s, facts)
 
 
 def summary_of_day(record: DayRecord) -> dict[str, Any]:

@@ -43,6 +43,7 @@ TITLES = (
 NOT_DONE = 1
 UNRANKED: Final[Mapping[str, str]] = {
     "lost_too_many": "a run that lost more than a tenth of its drives",
+    "low_throughput": "a run with fewer vehicles past the bottleneck than its benchmark asks for",
     "other_version": "a run by another version of dohyo than the others, or by several,",
     "baseline": "a baseline of the organiser",
 }

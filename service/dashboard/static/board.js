@@ -105,6 +105,7 @@ const unranked = (row) =>
   ({
     other_version: `driven with ${softwareText(row)}`,
     lost_too_many: "lost more than a tenth of its drives",
+    low_throughput: "too few vehicles passed the bottleneck",
     baseline: "a baseline",
   })[row.unranked] ?? null;
 

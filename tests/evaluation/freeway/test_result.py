@@ -93,3 +93,18 @@ def test_the_page_shows_every_number_and_escapes_names(tmp_path: Path) -> None:
     assert "http" not in text.replace("http-equiv", "")
     one = result(units(1.0), units(1.0))
     assert write_page(tmp_path, one).read_text() == page(one)
+
+
+def test_a_page_says_that_traffic_that_creeps_has_no_rank() -> None:
+    benchmark = load_freeway_benchmark("dissipation")
+    metrics = (
+        Metric("speed_std_mps", "deviation", "m/s", "lower"),
+        Metric("throughput_vph", "flow", "veh/h", "higher"),
+    )
+    creeping = {f"seed-{seed}": {"speed_std_mps": 7.6, "throughput_vph": 3824.0} for seed in range(6)}
+    free = {name: {"speed_std_mps": 10.7, "throughput_vph": 5854.0} for name in creeping}
+    made = dataclasses.replace(
+        result({}, {}), benchmark=benchmark, metrics=metrics, units=creeping, reference_units=free
+    )
+    assert finding(made).endswith("A run with a throughput of 3824 veh/h, below 5000, has no rank.")
+    assert "no rank" not in finding(dataclasses.replace(made, units=free))

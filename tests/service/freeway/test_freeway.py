@@ -223,11 +223,35 @@ def test_the_most_even_traffic_is_first_on_the_board(drives_nothing: Harness) ->
     assert "driving_score" not in board["rows"][0]["scores"]
 
 
-def plan(database: Database, evaluation_id: str, deviation: float | None) -> None:
+def test_traffic_that_creeps_has_no_rank(drives_nothing: Harness) -> None:
+    """A plan of 8 m/s everywhere is more even than the best planner's traffic, and a third less of it passes."""
+    team = drives_nothing.caller("team")
+    for name, deviation, throughput in (("even", 7.6, 3824.0), ("planner", 9.4, 5440.0)):
+        team.post("/v1/agents", {"name": name})
+        team.post(f"/v1/agents/{name}/submissions", PLANNER)
+        order = {"agent": name, "benchmark": "dissipation", "ranked": True}
+        evaluation = team.post("/v1/evaluations", order).json()["id"]
+        plan(drives_nothing.services.database, evaluation, deviation, throughput)
+    rows = team.get("/v1/leaderboard", params={"benchmark": "dissipation"}).json()["rows"]
+    told = [(row["agent"], row["rank"], row["unranked"]) for row in rows]
+    assert told == [("planner", 1, None), ("even", None, "low_throughput")]
+
+
+def test_benchmarks_without_a_least_throughput_are_as_before() -> None:
+    found = load_freeway_benchmark("dissipation")
+    without = found.model_copy(update={"least_throughput_vph": 0.0})
+    assert "least_throughput_vph" not in without.model_dump(mode="json")
+    assert without.sha256 != found.sha256
+
+
+def plan(database: Database, evaluation_id: str, deviation: float | None, throughput: float = 5500.0) -> None:
     """Ends a run as if it had been driven, with a deviation of speed that grows with the seed; None: it failed."""
     with database.session() as session:
         for episode in session.scalars(select(Episode).where(Episode.evaluation_id == evaluation_id)):
-            measures = dict.fromkeys(MORNING_SCORES, 1.0) | {"speed_std_mps": (deviation or 0.0) + 0.1 * episode.seed}
+            measures = dict.fromkeys(MORNING_SCORES, 1.0) | {
+                "speed_std_mps": (deviation or 0.0) + 0.1 * episode.seed,
+                "throughput_vph": throughput,
+            }
             record = MorningRecord(
                 scenario=MorningScenario(benchmark=benchmark(1), seed=episode.seed),
                 benchmark=("dissipation", "0"),
