@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -34,6 +35,7 @@ class Forecaster(ABC):
         segments: Number of columns, N.
         step_s: Seconds between two rows.
         free_mps: Speed with the normalised value 1: the 99.9 % quantile of the training speeds.
+        columns: Names of the N columns of its table, in the order along the road; none where they are not known.
     """
 
     name: ClassVar[str]
@@ -42,6 +44,7 @@ class Forecaster(ABC):
         if segments < 1:
             raise InvalidInputError(f"expected at least one segment, got {segments}")
         self.segments, self.step_s, self.free_mps = segments, step_s, 1.0
+        self.columns: tuple[str, ...] = ()
 
     def fit(self, train: Windows, validation: Windows, progress: Progress | None = None) -> None:
         """Learns; the same windows and seed give the same forecaster.
@@ -111,12 +114,13 @@ class Forecaster(ABC):
 
     def facts(self) -> dict[str, str]:
         """Other facts in a file."""
-        return {
+        known = {
             "forecaster": self.name,
             "segments": str(self.segments),
             "step_s": repr(self.step_s),
             "free_mps": repr(self.free_mps),
         }
+        return known | ({"columns": json.dumps(self.columns)} if self.columns else {})
 
     def save(self, path: Path) -> None:
         """Writes a safetensors file.
@@ -166,6 +170,18 @@ def read_file(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     if "forecaster" not in facts:
         raise InvalidInputError(f"'{path}': expected the file of a forecaster with its kind, got none")
     return facts, tensors
+
+
+def columns_of(facts: Mapping[str, str]) -> tuple[str, ...]:
+    """Names of the columns in the facts of a file; none in older files.
+
+    Raises:
+        ValueError: They are damaged.
+    """
+    names = json.loads(facts.get("columns", "[]"))
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"expected names of columns, got {names}")
+    return tuple(names)
 
 
 def checked(tensors: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int, ...]], name: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dohyo.agents.forecasting.base import Forecaster, read_file
+from dohyo.agents.forecasting.base import Forecaster, columns_of, read_file
 from dohyo.agents.forecasting.data.scale import Scale
 from dohyo.agents.forecasting.exported import Exported
 from dohyo.agents.forecasting.frontiers import Frontiers
@@ -74,10 +74,11 @@ def load_forecaster(name: str | Path, exported: bool = False) -> Forecaster:
     try:
         segments, step_s, free_mps = int(facts["segments"]), float(facts["step_s"]), float(facts["free_mps"])
         scale = Scale(float(facts.get("centre_mps", 0.0)), float(facts.get("spread_mps", 1.0)))
+        columns = columns_of(facts)
     except (KeyError, ValueError) as error:
         raise InvalidInputError(f"forecaster '{path}' is damaged: {error}") from error
     forecaster = make_forecaster(facts["forecaster"], segments, step_s)
-    forecaster.free_mps = free_mps
+    forecaster.free_mps, forecaster.columns = free_mps, columns
     if isinstance(forecaster, Learned | Quantiles | Frontiers):
         forecaster.scale = scale
     forecaster.restore(tensors)

@@ -27,7 +27,10 @@ LOOKED_AT = 2**22
 
 
 def followed(
-    read: Callable[[], Grid], load: Callable[[Grid], Forecaster], every_s: float, idle_s: float | None
+    read: Callable[[], Grid],
+    load: Callable[[Grid], tuple[Grid, Forecaster]],
+    every_s: float,
+    idle_s: float | None,
 ) -> Iterator[tuple[Grid, Forecast]]:
     """A table and its forecast, now and each time that a step has been added.
 
@@ -35,7 +38,7 @@ def followed(
 
     Args:
         read: Reads the table.
-        load: Forecaster for a table.
+        load: Forecaster for a table, and the table with the columns in its order.
         every_s: Seconds between two readings.
         idle_s: Ends once no step was added for so many seconds; None: never.
 
@@ -49,7 +52,7 @@ def followed(
         try:
             grid = read()
             if grid.last_s > last_s:
-                forecaster = load(grid)
+                grid, forecaster = load(grid)
                 begun, last_s, grown_at = True, grid.last_s, time.monotonic()
                 yield grid, forecast_now(forecaster, grid)
                 told, grown_at = "", time.monotonic()

@@ -62,6 +62,7 @@ class Grid:
         complete: Place of the last step that every file has; or the one before the last that any file has, so that a
             silent file delays the others by one step. A step of means is complete once a row after it is there.
         offset_s: Of the first file, see `Rows`.
+        named_by_file: See `SpeedData`.
     """
 
     step_s: float
@@ -72,6 +73,7 @@ class Grid:
     notes: tuple[str, ...]
     complete: int
     offset_s: float | None
+    named_by_file: bool = False
 
     @property
     def last_s(self) -> float:
@@ -88,6 +90,11 @@ class Grid:
         if not rows.any():
             raise InvalidInputError("expected a step that is complete, got only the first rows of one")
         return replace(self, place=self.place[rows], speeds=self.speeds[rows])
+
+    def chosen(self, columns: Sequence[int], note: str) -> Grid:
+        """Columns by their numbers, and a note about them."""
+        names = tuple(self.names[column] for column in columns)
+        return replace(self, names=names, speeds=self.speeds[:, columns], notes=(*self.notes, note))
 
     def stretches(self, name: str) -> list[Stretch]:
         """Stretches of equal steps, skipped ones as missing values; see the module."""
@@ -158,17 +165,19 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         columns.append(wide)
     if len(files) > 1:
         notes.append(f"{len(files)} files joined by time")
+    names = _joined_names(files)
     last = [int(own[-1]) - bool(resample_s) for own, _ in parts]
     complete = max(min(last), max(last) - 1)
     return Grid(
         step_s=step,
         start_s=start,
         place=place,
-        names=_joined_names(files),
+        names=names,
         speeds=np.concatenate(columns, axis=1),
         notes=tuple(notes),
         complete=complete,
         offset_s=files[0].offset_s,
+        named_by_file=names != tuple(name for one in files for name in one.names),
     )
 
 

@@ -88,7 +88,7 @@ def read_data(path: Path | Sequence[Path], how: Format | None = None, learn: str
         raise InvalidInputError(f"'{source}': {error}") from error
     check_speeds(stretches, grid.names, source, how.unit, how.max_missing, how.trust_unit)
     missing = float(np.isnan(np.concatenate([one.speeds for one in stretches])).mean())
-    return SpeedData(grid.names, grid.step_s, sets, 0.0, source, missing, grid.notes)
+    return SpeedData(grid.names, grid.step_s, sets, 0.0, source, missing, grid.notes, grid.named_by_file)
 
 
 def read_latest(path: Path | Sequence[Path], how: Format | None = None) -> Grid:

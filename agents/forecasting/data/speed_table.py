@@ -9,7 +9,7 @@ refused: by `reading.py` for errors of a file, and by `check_speeds` for errors 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -54,6 +54,11 @@ class Stretch:
         truth = None if self.truth is None else self.truth[begin:end]
         return Stretch(self.name, (self.start_s + begin * step_s) % DAY_S, self.speeds[begin:end], truth, self.day)
 
+    def chosen(self, columns: Sequence[int]) -> Stretch:
+        """Columns by their numbers."""
+        truth = None if self.truth is None else self.truth[:, columns]
+        return replace(self, speeds=self.speeds[:, columns], truth=truth)
+
 
 @dataclass(frozen=True)
 class SpeedData:
@@ -67,6 +72,7 @@ class SpeedData:
         source: Path.
         missing: Share of missing values, by the rule of `grid`.
         notes: What was done to the rows, one sentence each.
+        named_by_file: Whether names of columns are those of their files, since several files have the same columns.
     """
 
     segments: tuple[str, ...]
@@ -76,6 +82,13 @@ class SpeedData:
     source: str = ""
     missing: float = 0.0
     notes: tuple[str, ...] = ()
+    named_by_file: bool = False
+
+    def chosen(self, columns: Sequence[int], note: str) -> SpeedData:
+        """Columns by their numbers, and a note about them."""
+        names = tuple(self.segments[column] for column in columns)
+        sets = {name: [one.chosen(columns) for one in some] for name, some in self.sets.items()}
+        return replace(self, segments=names, sets=sets, notes=(*self.notes, note))
 
     def stretches(self, name: str) -> Sequence[Stretch]:
         """Stretches of one set.

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from dohyo.agents.forecasting.base import Forecaster, read_file
+from dohyo.agents.forecasting.base import Forecaster, columns_of, read_file
+from dohyo.agents.forecasting.data.grid import Grid
+from dohyo.agents.forecasting.data.speed_table import SpeedData
 from dohyo.agents.forecasting.data.windows import HISTORY, HORIZON
 from dohyo.agents.forecasting.exported import Exported
 from dohyo.agents.forecasting.registry import load_forecaster
 from dohyo.agents.learning.policies.session import session_from
 from dohyo.sumo_networks.errors import InvalidInputError
 
+Table = TypeVar("Table", Grid, SpeedData)
 SAME_STEP = 0.01
 TRIED_MPS = 20.0
 """Speed of the history that a model is tried with."""
@@ -66,6 +70,29 @@ def check_fits(forecaster: Forecaster, segments: int, step_s: float, model: str,
         )
 
 
+def in_order(table: Table, forecaster: Forecaster, model: str, source: str) -> Table:
+    """A table with its columns in the order of those that a forecaster was trained on, and a note if they differ.
+
+    Names of files are no reason to refuse a table, since a logger may begin another file each day.
+
+    Raises:
+        InvalidInputError: The columns have other names than those.
+    """
+    expected, names = forecaster.columns, table.names if isinstance(table, Grid) else table.segments
+    if not expected or expected == names:
+        return table
+    if sorted(expected) == sorted(names):
+        return table.chosen([names.index(name) for name in expected], f"columns were put in the order of '{model}'")
+    others = [place for place, name in enumerate(expected) if name not in names] or [0]
+    text = (
+        f"'{model}' was trained on '{expected[others[0]]}', '{source}' has '{names[others[0]]}' in its place "
+        f"({len(others)} of {len(expected)} columns differ)"
+    )
+    if table.named_by_file:
+        return table.chosen(range(len(names)), f"{text}: the same detectors in the same order?")
+    raise InvalidInputError(f"{text}; rename the columns, or train one on it with dohyo forecast fit")
+
+
 def _take_facts(forecaster: Exported) -> None:
     """Time step and speed of 1 from the file beside a model, if there is one."""
     beside = forecaster.path.with_suffix(".safetensors")
@@ -75,6 +102,7 @@ def _take_facts(forecaster: Exported) -> None:
     try:
         forecaster.step_s = float(facts.get("step_s", forecaster.step_s))
         forecaster.free_mps = float(facts.get("free_mps", forecaster.free_mps))
+        forecaster.columns = columns_of(facts)
     except ValueError as error:
         raise InvalidInputError(f"forecaster '{beside}' is damaged: {error}") from error
 

@@ -88,6 +88,7 @@ def fit(
         depth=None if depth < 0 else depth, steps=steps, batch=batch, rate=rate, seed=seed
     )
     forecaster = registry.make_forecaster(model, len(table.segments), table.step_s, settings)
+    forecaster.columns = table.segments
     if out is not None:
         _check_beside(forecaster, out)
     train, validation = (make_windows(table.stretches(name), table.step_s) for name in ("train", "validation"))
@@ -119,9 +120,12 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Prints the errors of a trained forecaster beside those of persistence."""
+    from dohyo.agents.forecasting.files.fitting import in_order
+
     how = _format(unit, step, max_missing, missing_value, tolerance, resample, trust_unit, day_first)
     table = _read(data, how, learn)
     forecaster = _loaded(model, len(table.segments), table.step_s, table.source)
+    table = in_order(table, forecaster, model, table.source)
     chosen = sets.split(",") if sets else table.measured_sets
     _report(forecaster, table, chosen, json, _draw(forecaster, table, chosen[0], unit, figure))
 
@@ -148,6 +152,7 @@ def run(
     """Forecasts three steps after a table's last row, with intervals that follow the model's past errors."""
     from dohyo.agents.forecasting.data.reading import read_latest
     from dohyo.agents.forecasting.figures import now_figure
+    from dohyo.agents.forecasting.files.fitting import in_order
     from dohyo.agents.forecasting.live.now import forecast_now
 
     if out is not None:
@@ -155,12 +160,13 @@ def run(
     how = _format(unit, step, 1.0, missing_value, tolerance, resample, trust_unit, day_first)
     read = partial(read_latest, data, replace(how, growing=follow))
 
-    def load(grid: Grid) -> Forecaster:
-        return _loaded(model, len(grid.names), grid.step_s, str(data[0]))
+    def load(grid: Grid) -> tuple[Grid, Forecaster]:
+        forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]))
+        return in_order(grid, forecaster, model, str(data[0])), forecaster
 
     def once() -> Iterator[tuple[Grid, Forecast]]:
-        grid = read()
-        yield grid, forecast_now(load(grid), grid)
+        grid, forecaster = load(read())
+        yield grid, forecast_now(forecaster, grid)
 
     for grid, forecast in followed(read, load, every, idle) if follow else once():
         written = append_forecast(out, forecast, unit) if out else []

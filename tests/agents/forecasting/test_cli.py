@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
@@ -113,3 +114,49 @@ def test_a_folder_of_mornings_alone_is_learned_from(tmp_path: Path) -> None:
     table = write_csv(tmp_path / "t.csv", road_speeds(200, 4))
     with pytest.raises(DohyoError, match="expected --learn with a folder of days"):
         dohyo("forecast", "fit", "--data", table, "--model", "linear", "--learn", "mornings")
+
+
+@pytest.mark.parametrize("model", ["linear", "tsmixer"])
+def test_a_model_knows_the_columns_of_its_table(tmp_path: Path, model: str) -> None:
+    """Columns in another order are put in its own; others are refused."""
+    speeds = road_speeds(400, 3)
+    table = pl.DataFrame({"minute": np.arange(400)} | {name: speeds[:, i] for i, name in enumerate("abc")})
+    for order in ("abc", "cab", "abd"):
+        table.rename({"c": "d"} if "d" in order else {}).select("minute", *order).write_csv(tmp_path / f"{order}.csv")
+    file = tmp_path / "f.safetensors"
+    fit = ("forecast", "fit", "--data", tmp_path / "abc.csv", "--model", model, "--out", file, "--json")
+    errors = json.loads(dohyo(*fit, "--steps", 5, "--depth", -1))["sets"]["test"][model]["rmse_kmh"]
+    for one in (file, file.with_suffix(".onnx")) if model == "tsmixer" else (file,):
+        words = ("--model", one, "--data")
+        again = json.loads(dohyo("forecast", "evaluate", *words, tmp_path / "cab.csv", "--json"))
+        (own,) = (of for name, of in again["sets"]["test"].items() if isinstance(of, dict) and name != "persistence")
+        np.testing.assert_allclose(own["rmse_kmh"], errors, rtol=1e-4)
+        assert "columns were put in the order of" in again["notes"][-1]
+        now, other = (
+            json.loads(dohyo("forecast", "run", *words, tmp_path / f"{order}.csv", "--json"))
+            for order in ("abc", "cab")
+        )
+        assert now["segments"] == other["segments"] == ["a", "b", "c"]
+        assert now["speed"] == other["speed"]
+        for command in ("evaluate", "run"):
+            with pytest.raises(DohyoError, match=r"was trained on 'c', .* has 'd' in its place \(1 of 3"):
+                dohyo("forecast", command, *words, tmp_path / "abd.csv")
+
+
+def test_another_name_of_a_file_is_told_and_no_reason_to_refuse(tmp_path: Path) -> None:
+    speeds = road_speeds(400, 2)
+    paths = [tmp_path / f"{name}.csv" for name in ("up", "down", "up-new")]
+    for path, column in zip(paths, (0, 1, 0), strict=True):
+        pl.DataFrame({"minute": np.arange(400), "speed": speeds[:, column]}).write_csv(path)
+    file = tmp_path / "f.safetensors"
+    dohyo("forecast", "fit", "--data", paths[0], "--data", paths[1], "--model", "linear", "--out", file)
+    runs = {
+        pair: json.loads(
+            dohyo("forecast", "run", "--data", paths[pair[0]], "--data", paths[pair[1]], "--model", file, "--json")
+        )
+        for pair in ((0, 1), (1, 0), (2, 1))
+    }
+    assert runs[0, 1]["segments"] == runs[1, 0]["segments"] == ["up", "down"]
+    assert runs[0, 1]["speed"] == runs[1, 0]["speed"] == runs[2, 1]["speed"]
+    assert "was trained on 'up'" in runs[2, 1]["notes"][-1]
+    assert "'up-new' in its place" in runs[2, 1]["notes"][-1]

@@ -39,12 +39,14 @@ def add(path: Path, text: str) -> None:
         file.write(text)
 
 
+def persistence(grid: Grid) -> tuple[Grid, Persistence]:
+    return grid, Persistence(len(grid.names), grid.step_s)
+
+
 def grids_of(*paths: Path, resample_s: float | None = None) -> Iterator[Grid]:
     """A table each time that it is forecast."""
     how = Format("km/h", resample_s=resample_s, growing=True)
-    looks = followed(
-        partial(read_latest, list(paths), how), lambda grid: Persistence(len(grid.names), grid.step_s), EVERY_S, IDLE_S
-    )
+    looks = followed(partial(read_latest, list(paths), how), persistence, EVERY_S, IDLE_S)
     return (grid for grid, _ in looks)
 
 
@@ -136,7 +138,7 @@ def test_a_file_that_is_rotated_is_followed_on(tmp_path: Path, capsys: pytest.Ca
             text = next(contents, later)
             path.unlink(missing_ok=True) if text is None else path.write_text(text)
 
-    looks = followed(reading, lambda grid: Persistence(len(grid.names), grid.step_s), EVERY_S, IDLE_S)
+    looks = followed(reading, persistence, EVERY_S, IDLE_S)
     assert [len(grid.place) for grid, _ in looks] == [20, 10]
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 3, "absent, empty, without rows; the first two readings fail alike"
