@@ -146,7 +146,8 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         self._plan, self._http = plan, PendingConnection(plan.url)
         self._key = secrets.token_hex(16)
         self._id = self._seat = self._seat_token = self._ego = ""
-        self._tick = self._resets = 0
+        self._tick = 0
+        self._run: dict[str, int] = {}
         self._seen: Observations = {}
 
     def begin_reset(self, seed: int | None) -> None:
@@ -193,7 +194,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
 
     def begin_step(self, action: NDArray[Any]) -> None:
         """Sends an action."""
-        body = {"tick": self._tick, "resets": self._resets, "actions": {self._ego: pack(np.asarray(action))}}
+        body = {"tick": self._tick, **self._run, "actions": {self._ego: pack(np.asarray(action))}}
         self._http.send("POST", f"/v1/seats/{self._seat}/step", self._seat_token, body, Format.MSGPACK)
 
     def step(self, action: NDArray[Any]) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
@@ -214,7 +215,8 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         return self._seen, outcome["reward"], terminated, truncated, infos
 
     def _take(self, answer: Mapping[str, Any]) -> None:
-        self._tick, self._resets = answer["tick"], answer["resets"]
+        self._tick = answer["tick"]
+        self._run = {"resets": answer["resets"]} if "resets" in answer else {}  # an older service knows none
         seen = arrays(answer["observations"]).get(self._ego, {})
         spaces = self._spaces
         self._seen = self._seen | {name: _fitted(array, spaces[name]) for name, array in seen.items()}
