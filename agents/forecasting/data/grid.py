@@ -22,6 +22,8 @@ LONGEST_GAP_ROWS = 60
 """Number of steps after which a new stretch begins."""
 FAR_OFF = 0.25
 """Share of a step off the grid from which on a row is counted in the notes."""
+FIRST_ROWS = 31
+"""Rows of each file that decide where the grid lies."""
 COMMON_STEPS_S = (10.0, 15.0, 20.0, 30.0, 60.0, 120.0, 180.0, 300.0, 360.0, 600.0, 900.0, 1200.0, 1800.0, 3600.0)
 NEAR = 0.1
 """Steps of detectors, and the distance within which uneven times are taken as one of them."""
@@ -80,6 +82,11 @@ class Grid:
         """Time of the last row."""
         return self.start_s + self.step_s * int(self.place[-1])
 
+    @property
+    def steps(self) -> int:
+        """Number of steps from the first row to the last one."""
+        return int(self.place[-1] - self.place[0]) + 1
+
     def arrived(self) -> Grid:
         """Rows of the complete steps alone.
 
@@ -111,15 +118,15 @@ class Grid:
         return out
 
 
-def usual_step(time_s: FloatArray) -> float:
+def usual_step(time_s: FloatArray) -> float | None:
     """Step of a detector, s: its most frequent difference of times if most are equal, else the mean of the short ones.
 
-    A mean near a step that detectors use is that step.
+    A mean near a step that detectors use is that step. One row has no step.
     """
     steps = np.diff(time_s)
     steps = steps[steps > 0.0]
     if not len(steps):
-        return 60.0
+        return None
     values, counts = np.unique(np.round(steps, 3), return_counts=True)
     if counts.max() >= 0.5 * len(steps):
         return float(values[counts.argmax()])
@@ -141,8 +148,10 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         InvalidInputError: The steps of two files differ, or new steps are shorter than the old ones.
     """
     usual = [usual_step(one.time_s) for one in files]
-    step = resample_s or step_s or usual[0]
+    step = resample_s or step_s or next((found for found in usual if found), 60.0)
     for one, found in zip(files, usual, strict=True):
+        if found is None:
+            continue
         if resample_s and resample_s < 0.99 * found:
             raise InvalidInputError(
                 f"'{one.source}': expected --resample of at least {found / 60:g} minutes, the step of its rows, got "
@@ -153,8 +162,7 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
                 f"'{one.source}': expected a row every {step:g} s, got times {found:g} s apart; means over equal "
                 f"steps: --resample {max(found, step) / 60:g}"
             )
-    start = min(float(one.time_s[0]) for one in files)
-    start = start // step * step if resample_s else start
+    start = min(float(one.time_s[0]) for one in files) // step * step if resample_s else _start(files, step)
     notes = list(dict.fromkeys(note for one in files for note in one.notes))
     parts = [_placed(one, start, step, 1.0 if resample_s else tolerance, bool(resample_s), notes) for one in files]
     place = np.unique(np.concatenate([part[0] for part in parts]))
@@ -179,6 +187,20 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         offset_s=files[0].offset_s,
         named_by_file=names != tuple(name for one in files for name in one.names),
     )
+
+
+def _start(files: Sequence[Rows], step: float) -> float:
+    """Time of place 0: the middle one of the first rows, by their distances from equal steps.
+
+    A late first row moves no other one. Later rows do not count, so that the steps of a growing table keep their times.
+    """
+    first = min(float(one.time_s[0]) for one in files)
+    time_s = np.concatenate([one.time_s[:FIRST_ROWS] for one in files])
+    phase = (time_s - first) / step
+    mean = float(np.angle(np.exp(2j * np.pi * phase).mean())) / (2.0 * np.pi)
+    off = phase - mean - np.round(phase - mean)
+    middle = float(time_s[np.argsort(off, kind="stable")[(len(off) - 1) // 2]])
+    return middle - step * round((middle - first) / step)
 
 
 def _placed(

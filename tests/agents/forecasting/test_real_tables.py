@@ -103,7 +103,7 @@ def test_a_forecast_now_is_of_the_last_complete_row_with_the_errors_of_the_past(
 
 def test_the_commands_follow_a_file_that_grows_and_compare_steps(tmp_path: Path) -> None:
     speeds = road_speeds(400, 1)[:, 0]
-    table = write(tmp_path / "t.csv", speeds[:300], np.tile([0.0, 40.0, 100.0], 100))
+    table = write(tmp_path / "t.csv", speeds[:300], np.tile([0.0, 40.0, 140.0], 100))
     words = ("--data", table, "--unit", "km/h", "--model")
     fitted = json.loads(dohyo("forecast", "fit", *words, "linear", "--out", tmp_path / "m.safetensors", "--json"))
     low, high = fitted["sets"]["test"]["linear"]["rmse_kmh_interval"][0] or (None, None)
@@ -127,3 +127,20 @@ def test_the_commands_follow_a_file_that_grows_and_compare_steps(tmp_path: Path)
     written = list(csv.DictReader((tmp_path / "out.csv").open()))
     assert len({row["made_at"] for row in written}) == 2
     assert all(float(row["low"]) <= float(row["speed"]) <= float(row["high"]) for row in written)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 100.0, 155.0, -60.0])
+def test_a_first_row_at_another_time_moves_no_other_one(tmp_path: Path, late_s: float) -> None:
+    random = np.random.default_rng(0)
+    off_s = np.concatenate([[60.0 + late_s], 60.0 + random.uniform(0.0, 20.0, 399)])
+    table = write(tmp_path / "t.csv", 20.0 + np.arange(400) % 2, off_s)
+    grid = read_latest(table, Format("km/h"))
+    np.testing.assert_array_equal(grid.place, np.arange(400))
+    lines = table.read_text().splitlines(keepends=True)
+    table.write_text("".join(lines[:101]))
+    assert read_latest(table, Format("km/h")).start_s == grid.start_s, "a table that grows keeps its steps"
+
+
+def test_one_row_of_a_second_file_has_no_step_that_could_differ(tmp_path: Path) -> None:
+    paths = [write(tmp_path / f"{name}.csv", np.full(rows, 20.0)) for name, rows in (("one", 1), ("all", 40))]
+    assert read_latest(paths, Format("km/h")).step_s == 300.0
