@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -34,7 +35,8 @@ def followed(
 ) -> Iterator[tuple[Grid, Forecast]]:
     """A table and its forecast, now and each time that a step has been added.
 
-    An outage of the detectors, or a file that is not there for a while, is told once on standard error.
+    An outage of the detectors, or a file that is not there for a while, is told once on standard error, whatever the
+    numbers in its messages.
 
     Args:
         read: Reads the table.
@@ -47,21 +49,24 @@ def followed(
     """
     from dohyo.agents.forecasting.live.now import forecast_now
 
-    begun, told, last_s, grown_at = False, "", -float("inf"), time.monotonic()
+    told: set[str] = set()
+    begun, last_s, grown_at = False, -float("inf"), time.monotonic()
     while idle_s is None or time.monotonic() - grown_at <= idle_s:
         try:
             grid = read()
-            if grid.last_s > last_s:
+            if grid.last_s > last_s + 0.5 * grid.step_s:  # less is a grid that has moved
                 grid, forecaster = load(grid)
                 begun, last_s, grown_at = True, grid.last_s, time.monotonic()
                 yield grid, forecast_now(forecaster, grid)
-                told, grown_at = "", time.monotonic()
+                told.clear()
+                grown_at = time.monotonic()
         except InvalidInputError as error:
             if not begun:
                 raise
-            if str(error) != told:
-                told = str(error)
-                print(f"dohyo: {plain(told)}; looking again", file=sys.stderr)
+            kind = re.sub(r"\d+", "", str(error))
+            if kind not in told:
+                told.add(kind)
+                print(f"dohyo: {plain(str(error))}; looking again", file=sys.stderr)
         time.sleep(every_s)
 
 

@@ -50,8 +50,15 @@ def load_fitting(model: str, segments: int, exported: bool = False) -> Forecaste
     return forecaster
 
 
-def check_fits(forecaster: Forecaster, segments: int, step_s: float, model: str, source: str) -> None:
+def check_fits(forecaster: Forecaster, segments: int, step_s: float | None, model: str, source: str) -> None:
     """Refuses a table that a forecaster was not trained for.
+
+    Args:
+        forecaster: Trained.
+        segments: Number of columns.
+        step_s: Seconds between two rows; None: too few rows to know.
+        model: Name of the forecaster, for the message.
+        source: Path of the table, for the message.
 
     Raises:
         InvalidInputError: The number of columns or the step differs.
@@ -61,7 +68,7 @@ def check_fits(forecaster: Forecaster, segments: int, step_s: float, model: str,
             f"'{model}' forecasts {forecaster.segments} segments, '{source}' has {segments}; train one on it with "
             "dohyo forecast fit"
         )
-    if abs(forecaster.step_s - step_s) > SAME_STEP * step_s:
+    if step_s is not None and abs(forecaster.step_s - step_s) > SAME_STEP * step_s:
         own, rows = forecaster.step_s / 60, step_s / 60
         raise InvalidInputError(
             f"'{model}' forecasts rows {own:g} min apart, those of '{source}' are {rows:g} min apart; "

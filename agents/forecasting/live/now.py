@@ -87,9 +87,7 @@ def latest_steps(grid: Grid, steps: int) -> Float32Array:
     """
     first = grid.place[-1] - steps + 1
     if first < grid.place[0]:
-        raise InvalidInputError(
-            f"expected a table of at least {steps} steps, got {int(grid.place[-1] - grid.place[0]) + 1}"
-        )
+        raise InvalidInputError(f"expected a table of at least {steps} steps, got {grid.steps}")
     out = np.full((steps, grid.speeds.shape[1]), np.nan, dtype=np.float32)
     rows = grid.place >= first
     out[grid.place[rows] - first] = grid.speeds[rows]

@@ -151,6 +151,7 @@ def run(
 ) -> None:
     """Forecasts three steps after a table's last row, with intervals that follow the model's past errors."""
     from dohyo.agents.forecasting.data.reading import read_latest
+    from dohyo.agents.forecasting.data.windows import HISTORY
     from dohyo.agents.forecasting.figures import now_figure
     from dohyo.agents.forecasting.files.fitting import in_order
     from dohyo.agents.forecasting.live.now import forecast_now
@@ -161,7 +162,8 @@ def run(
     read = partial(read_latest, data, replace(how, growing=follow))
 
     def load(grid: Grid) -> tuple[Grid, Forecaster]:
-        forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]))
+        few = grid.steps < HISTORY  # whose step is no reason to refuse them: a file may just have been rotated
+        forecaster = _loaded(model, len(grid.names), grid.step_s, str(data[0]), few)
         return in_order(grid, forecaster, model, str(data[0])), forecaster
 
     def once() -> Iterator[tuple[Grid, Forecast]]:
@@ -201,7 +203,7 @@ def _read(paths: Sequence[Path], how: Format, learn: str | None) -> SpeedData:
     return read_data(paths, how, learn)
 
 
-def _loaded(model: str, segments: int, step_s: float, source: str) -> Forecaster:
+def _loaded(model: str, segments: int, step_s: float, source: str, any_step: bool = False) -> Forecaster:
     """Forecaster that fits a table."""
     from dohyo.agents.forecasting import registry
     from dohyo.agents.forecasting.files.fitting import check_fits, load_fitting
@@ -210,7 +212,7 @@ def _loaded(model: str, segments: int, step_s: float, source: str) -> Forecaster
     if model == Persistence.name:
         return registry.make_forecaster(model, segments, step_s)
     forecaster = load_fitting(model, segments)
-    check_fits(forecaster, segments, step_s, model, source)
+    check_fits(forecaster, segments, None if any_step else step_s, model, source)
     return forecaster
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import threading
+import time
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from functools import partial
@@ -188,3 +190,29 @@ def test_forecasts_are_appended_to_no_other_file(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, run)
     assert "expected a new file or one of forecasts, which begins with made_at,time," in str(result.exception)
     assert path.read_bytes() == before
+
+
+def test_the_rows_of_a_new_file_are_awaited_with_one_message(tmp_path: Path) -> None:
+    """Of a detector with a row each five minutes; one row or a few have no step that could be judged."""
+    path, model, out = tmp_path / "t.csv", tmp_path / "m.safetensors", tmp_path / "forecasts.csv"
+    lines = [line(5 * step, 90 + step % 5) for step in range(220)]
+    path.write_text("time,speed\n" + "".join(lines[:200]))
+    dohyo("forecast", "fit", "--data", path, "--unit", "km/h", "--model", "linear", "--out", model)
+    run = ["forecast", "run", "--data", str(path), "--unit", "km/h", "--model", str(model), "--out", str(out)]
+
+    def rotate() -> None:
+        while not out.exists():
+            time.sleep(0.02)
+        for rows in range(10):
+            path.write_text("time,speed\n" + "".join(lines[200 : 200 + rows]))
+            time.sleep(0.2)
+
+    logger = threading.Thread(target=rotate)
+    logger.start()
+    result = CliRunner().invoke(app, [*run, "--follow", "--every", "0.05", "--idle", "1.5"])
+    logger.join()
+    assert result.exit_code == 0, result.output
+    told = [one for one in result.stderr.splitlines() if "looking again" in one]
+    assert [one for one in told if "min apart" in one] == []
+    assert len([one for one in told if "expected a table of at least 8 steps" in one]) == 1
+    assert len({row["made_at"] for row in csv.DictReader(out.open())}) == 3, "the last row before, and two with eight"
