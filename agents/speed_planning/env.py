@@ -181,8 +181,12 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
             target = told[PLANNER].astype(np.float64)
             self._plan = SpeedPlan(self._world.time_s, target, self._state(), self._grid.cell_m)
 
+    def state_of(self, segment_mps: FloatArray) -> FloatArray:
+        """(lanes, cells) speeds of now, m/s: those of (S,) segments, and over them the connected vehicles' own."""
+        return fuse(self._grid, self._grid.spread(segment_mps), self._pings.pings(), self._world.time_s)
+
     def _state(self) -> FloatArray:
-        return fuse(self._grid, self._grid.spread(self._forecast), self._pings.pings(), self._world.time_s)
+        return self.state_of(self._forecast)
 
     def _observations(self) -> Observations:
         _, rows = self._feed.reported(self._world.time_s)

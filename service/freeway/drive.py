@@ -99,7 +99,9 @@ def _drive(order: EpisodeOrder, scenario: MorningScenario, env: DissipationEnv, 
     try:
         seen, _ = env.reset()
         while env.agents:
-            published = {PLANNER: plan(tick, seen[PLANNER], env.world.time_s)}
+            # The environment's own state has the forecast of the publication before.
+            state = env.state_of(last_report(seen[FORECASTER]).astype(np.float64)).astype(np.float32)
+            published = {PLANNER: plan(tick, state, env.world.time_s)}
             for _ in range(round(DECIDES_EVERY_S / TICK_S)):
                 seen, *_ = env.step(published | {FORECASTER: last_report(seen[FORECASTER])} | vehicles(seen))
                 if env.world.time_s % OBSERVED_EVERY_S < 1e-6:
