@@ -40,9 +40,15 @@ class SettingsWarning:
     text: str
 
 
-def diagnose(track: EstimatedTrack, settings: Settings) -> list[SettingsWarning]:
-    """Warnings about a track; empty where the fixes fit the settings."""
-    return [*_of_nis(track, settings), *_of_rejected(track)]
+def diagnose(track: EstimatedTrack, settings: Settings, stated: bool = False) -> list[SettingsWarning]:
+    """Warnings about a track; empty where the fixes fit the settings.
+
+    Args:
+        track: Result of a localizer.
+        settings: Its settings.
+        stated: Whether each fix states its own standard deviation, so that the settings' one is not used.
+    """
+    return [*_of_nis(track, None if stated else settings.gnss_sigma_m), *_of_rejected(track)]
 
 
 def median_band(count: int) -> tuple[float, float]:
@@ -90,30 +96,37 @@ def check_noise(times: FloatArray, samples: FloatArray, settings: Settings) -> l
     return out
 
 
-def _of_nis(track: EstimatedTrack, settings: Settings) -> list[SettingsWarning]:
+def _of_nis(track: EstimatedTrack, sigma_m: float | None) -> list[SettingsWarning]:
+    """Warnings of fixes that surprise too much or too little; sigma_m is None where each fix has its own."""
     nis = track.nis
     if len(nis) < LEAST_FIXES:
         return []
     low, high = median_band(len(nis))
     expected, found = quantile(3, 0.5), float(np.median(nis))
     beyond = float(np.mean(nis > quantile(3, 0.95)))
+    factor = math.sqrt(found / expected)
     if found > max(high, TOO_SURE * expected) or beyond > MANY_BEYOND:
+        larger = f" (about {factor:.2g} times as large)" if factor > 1.0 else ""
         return [
             SettingsWarning(
                 "too-sure",
                 f"the fixes surprise the filter: median NIS {found:.1f}, expected {low:.1f} to {high:.1f}; "
-                f"{100.0 * beyond:.0f} % of the fixes lie where it expects 5 %. It is too sure of itself: raise the "
-                "receiver's sigma or the noise of the IMU",
+                f"{100.0 * beyond:.0f} % of the fixes lie where it expects 5 %. It is too sure of itself: raise "
+                + ("the receiver's sigma" if sigma_m else f"the column sigma{larger}")
+                + " or the noise of the IMU",
             )
         ]
     if found < min(low, TOO_UNSURE * expected):
-        sigma = settings.gnss_sigma_m * math.sqrt(found / expected)
+        fitting = (
+            f"the receiver's sigma (about {sigma_m * factor:.2g} m fits"
+            if sigma_m
+            else f"the column sigma (about {factor:.2g} of it fits"
+        )
         return [
             SettingsWarning(
                 "too-unsure",
                 f"the fixes are better than assumed: median NIS {found:.2f}, expected {low:.1f} to {high:.1f}. Lower "
-                f"the receiver's sigma (about {sigma:.2g} m fits, less where its errors change slowly) or the noise "
-                "of the IMU",
+                f"{fitting}, less where its errors change slowly) or the noise of the IMU",
             )
         ]
     return []

@@ -30,6 +30,8 @@ MAX_MISSING = 0.05
 EARLY_SAMPLES = 10
 """Number of samples that may precede a silence at the start of a log."""
 MAX_SPEED_MPS = 80.0
+START_S = 20.0
+"""Length of a start, of whose fixes the errors count as equal."""
 STANDING_RATE = 0.5
 """Upper bound of a gyroscope's offset, rad/s."""
 
@@ -65,6 +67,13 @@ class PositionLog:
     position: FloatArray
     origin: Origin | None
     sigma_m: FloatArray | None = None
+
+    @property
+    def start_sigma_m(self) -> float | None:
+        """Median standard deviation of the first fixes, m, by which a start at rest judges them; None: unknown."""
+        if self.sigma_m is None:
+            return None
+        return float(np.median(self.sigma_m[self.time <= self.time[0] + START_S]))
 
     def fixes(self) -> list[Fix]:
         """One per row."""

@@ -92,7 +92,7 @@ def localize(
     ] = None,
     filter_: Annotated[str, typer.Option("--filter", help="es-ekf, ekf, ukf or imu.")] = "es-ekf",
     sigma: Annotated[
-        float | None, typer.Option(min=0.001, help="Standard deviation of a fix, m. [default: 2.1]")
+        float | None, typer.Option(min=0.001, help="Standard deviation of a fix without its own, m. [default: 2.1]")
     ] = None,
     alpha: Annotated[
         float | None, typer.Option(min=0.0, max=0.99, help="Low-pass coefficient; 0: no filter. [default: 0.6]")
@@ -155,6 +155,8 @@ def _localized(
         raise InvalidInputError(f"'{truth}' and '{gnss}': expected both in degrees or both in metres")
     speeds = read_wheel_speeds(wheel_speed) if wheel_speed else []
     check_together(samples, fixes)
+    if fixes.start_sigma_m is not None:
+        settings = settings.model_copy(update={"gnss_sigma_m": fixes.start_sigma_m})
     recording = samples.time, samples.samples, fixes.fixes(), speeds
     localizer, track = follow_from_start(settings, *recording)
     return Result(
@@ -164,7 +166,10 @@ def _localized(
         truth=true,
         track=track,
         smoothed=smooth(localizer, track, *recording) if smoother and settings.filter == "es-ekf" else None,
-        warnings=[*diagnose(track, settings), *check_noise(samples.time, samples.samples, settings)],
+        warnings=[
+            *diagnose(track, settings, fixes.sigma_m is not None),
+            *check_noise(samples.time, samples.samples, settings),
+        ],
     )
 
 

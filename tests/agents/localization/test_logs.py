@@ -204,3 +204,43 @@ def test_missing_files_and_columns_of_positions_are_named(tmp_path: Path) -> Non
     path.write_text("t,latitude,longitude\n0,1,2\n")
     with pytest.raises(InvalidInputError, match="expected the columns t, lat, lon, alt or t, x, y, z"):
         read_positions(path)
+
+
+@pytest.mark.parametrize("sigma_m", [0.05, 10.0])
+def test_a_column_of_sigma_does_as_well_as_the_option(tmp_path: Path, sigma_m: float) -> None:
+    """Also at a start at rest, and whatever the option says beside the column."""
+    journey = journey_named("roundabout", 5.0, 60.0)
+    noise = GnssNoise(sigma_m, correlated_share=0.0, rate_hz=1.0)
+    recording = record(journey, ICM_20600, noise, np.random.default_rng(1))
+    imu = write(tmp_path / "imu.csv", "t,ax,ay,az,gx,gy,gz", np.column_stack([journey.time, recording.imu]))
+    truth = write(tmp_path / "truth.csv", "t,x,y", np.column_stack([journey.time, journey.position])[::10])
+    fixes = np.column_stack([journey.time[recording.fix_rows.astype(int)], recording.fixes])
+    plain = write(tmp_path / "plain.csv", "t,x,y,z", fixes)
+    column = write(tmp_path / "column.csv", "t,x,y,z,sigma", np.column_stack([fixes, np.full(len(fixes), sigma_m)]))
+    words = ("--imu", imu, "--truth", truth, "--no-smooth", "--json", "--gnss")
+    told = [json.loads(localize(*words, plain, "--sigma", sigma_m))]
+    told += [json.loads(localize(*words, column, *option)) for option in ((), ("--sigma", 1.0))]
+    for one in told[1:]:
+        assert one["RMSE, m"] == pytest.approx(told[0]["RMSE, m"])
+        assert one["warnings"] == told[0]["warnings"]
+
+
+@pytest.mark.parametrize(("wrong_m", "code"), [(5.0, "too-unsure"), (0.02, "too-sure")])
+def test_a_warning_about_a_column_of_sigma_is_of_the_column(
+    logs: tuple[Path, Path, Path], tmp_path: Path, wrong_m: float, code: str
+) -> None:
+    imu, gnss, _ = logs
+    header, *lines = gnss.read_text().splitlines()
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("\n".join([f"{header},sigma", *(f"{line},{wrong_m}" for line in lines)]) + "\n")
+    texts = [
+        next(
+            one["text"]
+            for one in json.loads(localize("--imu", imu, "--gnss", wrong, "--json", *option))["warnings"]
+            if one["code"] == code
+        )
+        for option in ((), ("--sigma", 0.5))
+    ]
+    assert texts[0] == texts[1], "the option is not used"
+    assert "the column sigma (about " in texts[0]
+    assert "receiver's sigma" not in texts[0]
