@@ -259,6 +259,8 @@ def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence
             f"brackets follow the errors of {forecast.windows} past forecasts of this table, and hold 90 % in the long "
             "run; too narrow if the model was trained on these rows"
         )
+    for note in notes:
+        console.print(note)
     for path in written:
         console.print(f"written: {path.resolve()}")
 

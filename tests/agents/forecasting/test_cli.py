@@ -160,3 +160,5 @@ def test_another_name_of_a_file_is_told_and_no_reason_to_refuse(tmp_path: Path) 
     assert runs[0, 1]["speed"] == runs[1, 0]["speed"] == runs[2, 1]["speed"]
     assert "was trained on 'up'" in runs[2, 1]["notes"][-1]
     assert "'up-new' in its place" in runs[2, 1]["notes"][-1]
+    text = dohyo("forecast", "run", "--data", paths[2], "--data", paths[1], "--model", file)
+    assert " ".join(text.split()).count("the same detectors in the same order?") == 1
