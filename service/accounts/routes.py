@@ -17,8 +17,8 @@ from dohyo.service.database.base import now
 from dohyo.service.database.engine import serialise
 from dohyo.service.errors import ForbiddenError, NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
+from dohyo.service.web.bodies.strict_json import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
-from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 
 router = APIRouter(prefix="/v1", tags=["tokens"], responses=problems(403), route_class=StrictRoute)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from dohyo.service.networks.finding import check_free
-from dohyo.service.web.uploads import Upload, form_body
+from dohyo.service.web.bodies.uploads import Upload, form_body
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.conversion.countries import country_named
 from dohyo.sumo_networks.networks.conversion.sources import file_suffix

@@ -21,9 +21,9 @@ from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.networks.views import NetworkView
 from dohyo.service.state import ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey
+from dohyo.service.web.bodies.uploads import receive_upload
 from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.heavy import Heavy
-from dohyo.service.web.uploads import receive_upload
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.entries import builtin_names, network_names
 from dohyo.sumo_networks.networks.importing import retract_network

@@ -11,8 +11,8 @@ from dohyo.service.accounts.access import Submitter
 from dohyo.service.database.engine import serialise
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
+from dohyo.service.web.bodies.strict_json import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
-from dohyo.service.web.strict_json import StrictRoute
 from dohyo.service.web.views import Page
 from dohyo.service.webhooks import queries
 from dohyo.service.webhooks.delivery import check_url

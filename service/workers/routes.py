@@ -27,8 +27,8 @@ from dohyo.service.errors import BusyError, NotFoundError, ServiceError, Unautho
 from dohyo.service.running.channel import SEEN, Fault
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.model import Agent
+from dohyo.service.web.bodies.strict_json import readable
 from dohyo.service.web.documents import problems
-from dohyo.service.web.strict_json import readable
 from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.bodies import LONGEST_TEXT, Granted, Registered, Registration, Release
 from dohyo.service.wire.messages import decode, decode_step, encode

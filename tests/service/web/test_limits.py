@@ -182,7 +182,7 @@ def test_a_full_disk_while_an_upload_comes_in(service: Harness, monkeypatch: pyt
     async def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("dohyo.service.web.uploads._copy", full)
+    monkeypatch.setattr("dohyo.service.web.bodies.uploads._copy", full)
     files = {"file": ("p.onnx", b"x" * 5000)}
     path = "/v1/agents/a/submissions/onnx"
     assert_problem(service.client.post(path, data={"spec": "{}"}, files=files, headers=team.headers), 507)

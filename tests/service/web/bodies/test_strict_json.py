@@ -11,7 +11,7 @@ from fastapi.routing import APIRoute
 
 from dohyo.service.accounts.model import Role
 from dohyo.service.app import ROUTERS
-from dohyo.service.web.strict_json import (
+from dohyo.service.web.bodies.strict_json import (
     ANONYMOUS_BYTES,
     DEEPEST,
     MOST_KEYS,

@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from dohyo.service.errors import TooLargeError, TooManyRequestsError
 from dohyo.service.state import Services
 from dohyo.service.web.addresses import payer_of
-from dohyo.service.web.strict_json import require_text
+from dohyo.service.web.bodies.strict_json import require_text
 from dohyo.sumo_networks.errors import InvalidInputError
 
 CHUNK = 1 << 20

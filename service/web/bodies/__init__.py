@@ -1,0 +1,1 @@
+"""Bodies of requests: strict JSON, the routes that read it, uploads."""
