@@ -16,7 +16,7 @@ from dohyo.service.challenges.views import InvitationView, NewInvitation, Redeem
 from dohyo.service.database.engine import serialise
 from dohyo.service.errors import ForbiddenError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.errors import InvalidInputError

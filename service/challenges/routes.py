@@ -32,7 +32,7 @@ from dohyo.service.evaluations.access import ranking_seen_by
 from dohyo.service.evaluations.queries import save_benchmark
 from dohyo.service.state import ServicesOf
 from dohyo.service.submissions.queries import find_agent, find_submission
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -16,7 +16,7 @@ from dohyo.service.evaluations.access import Aspect
 from dohyo.service.evaluations.metrics_views import RescoredView
 from dohyo.service.evaluations.rescoring import LAMBDA, rescore
 from dohyo.service.state import Services, ServicesOf
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
 from dohyo.service.web.heavy import Heavy

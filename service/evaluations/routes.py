@@ -39,7 +39,7 @@ from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
 from dohyo.service.submissions.model import Submission
 from dohyo.service.submissions.queries import find_submission
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.events import MEDIA_TYPE, EventResponse, stream
 from dohyo.service.web.views import Page

@@ -16,7 +16,7 @@ from dohyo.service.state import ServicesOf
 from dohyo.service.submissions import queries as submissions
 from dohyo.service.submissions.model import Agent
 from dohyo.service.submissions.views import AgentView, view_agent
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Limit, Name, problems
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.scenario import content_hash

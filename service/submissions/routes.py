@@ -29,7 +29,8 @@ from dohyo.service.submissions.builtin_routes import check_builtin
 from dohyo.service.submissions.kinds import BUILTIN, ONNX
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 from dohyo.service.submissions.views import SubmissionView, view_submission
-from dohyo.service.web.bodies.strict_json import JsonError, StrictRoute, parse_json
+from dohyo.service.web.bodies.strict_json import JsonError, parse_json
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.bodies.uploads import form_body, receive_upload
 from dohyo.service.web.documents import Limit, Name, problems
 from dohyo.service.web.views import Page

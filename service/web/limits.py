@@ -21,7 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from dohyo.service.errors import BusyError, TooLargeError, problem
 from dohyo.service.monitoring.metrics import Metrics
 from dohyo.service.web.addresses import client_of
-from dohyo.service.web.bodies.strict_json import ANONYMOUS_BYTES
+from dohyo.service.web.bodies.strict_route import ANONYMOUS_BYTES
 
 WIRE = ("/v1/workers", "/v1/leases", "/v1/seats")
 FREE = ("/health", "/static")

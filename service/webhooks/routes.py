@@ -11,7 +11,7 @@ from dohyo.service.accounts.access import Submitter
 from dohyo.service.database.engine import serialise
 from dohyo.service.errors import NotFoundError, TooManyRequestsError
 from dohyo.service.state import ServicesOf
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.views import Page
 from dohyo.service.webhooks import queries

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Path
 
 from dohyo.service.accounts.access import Holder, Submitter
 from dohyo.service.state import ServicesOf
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.views import Page
 from dohyo.service.worlds import queries

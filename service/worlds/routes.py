@@ -12,7 +12,7 @@ from dohyo.service.errors import ConflictError
 from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.caching import Cached
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.files import OpenFileResponse

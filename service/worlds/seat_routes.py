@@ -12,7 +12,7 @@ from dohyo.service.accounts.access import Submitter, WorkerCaller
 from dohyo.service.errors import ServiceError
 from dohyo.service.simulating.actors import ActorChange
 from dohyo.service.state import ServicesOf
-from dohyo.service.web.bodies.strict_json import StrictRoute
+from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import Identifier, problems
 from dohyo.service.wire import openapi as schema
 from dohyo.service.wire.messages import decode_as

@@ -3,8 +3,7 @@
 Refused are: keys given twice, numbers that are not finite, integers beyond 64 bits, halves of surrogate pairs, control
 characters, nesting that is too deep, and too many values. The error names the place.
 
-Values are counted before anything is parsed, and a request's body is read only once its caller is known. The event loop
-parses short bodies only; others are parsed in threads, and paid by the caller.
+Values are counted before anything is parsed.
 """
 
 from __future__ import annotations
@@ -12,20 +11,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Coroutine
-from functools import partial
 from typing import Any, Final
 
-from fastapi import Request
-from fastapi.dependencies.models import Dependant
-from fastapi.dependencies.utils import solve_dependencies
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import Response
-from fastapi.routing import APIRoute
-from fastapi.security.base import SecurityBase
-
-from dohyo.service.errors import TooLargeError
-from dohyo.service.web.addresses import payer_of
 from dohyo.sumo_networks.errors import InvalidInputError
 
 DEEPEST: Final = 32
@@ -35,10 +22,6 @@ LONGEST_KEY: Final = 200
 LARGEST_INTEGER: Final = 2**63 - 1
 LONGEST_NUMBER: Final = 400
 """Digits of a number; 64 bits need 20, and Python's parser takes quadratic time for long integers."""
-ANONYMOUS_BYTES: Final = 16_000
-"""Longest body of a caller without a token."""
-SHORT_BYTES: Final = 2_000
-"""Longest body that the event loop parses itself, in about a millisecond."""
 
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 """Control characters except tab and line ends, and halves of surrogate pairs."""
@@ -106,70 +89,6 @@ def require_text(text: str, *place: str | int) -> str:
 def readable(text: str) -> str:
     """A text with a replacement character for each that `require_text` refuses."""
     return _FORBIDDEN.sub("\ufffd", text)
-
-
-class StrictRoute(APIRoute):
-    """A route that identifies its caller, and then reads and checks a JSON body."""
-
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Handler with the checks before it."""
-        handle = super().get_route_handler()
-        if self.body_field is None:
-            return handle
-        access = Dependant(dependencies=[one for one in self.dependant.dependencies if _reads_credentials(one)])
-
-        async def check_and_handle(request: Request) -> Response:
-            stack = request.scope["fastapi_inner_astack"]
-            await solve_dependencies(request=request, dependant=access, async_exit_stack=stack, embed_body_fields=False)
-            caller = getattr(request.state, "caller", None)
-            body = await _read(request, ANONYMOUS_BYTES if caller is None else None)
-            return await handle(_CheckedRequest(request, body, await _parsed(request, body)))
-
-        return check_and_handle
-
-
-class _CheckedRequest(Request):
-    """A request whose body has been read, parsed and checked."""
-
-    def __init__(self, request: Request, body: bytes, document: Any) -> None:
-        super().__init__(request.scope, request.receive)
-        self._bytes, self._document = body, document
-
-    async def body(self) -> bytes:
-        """The body."""
-        return self._bytes
-
-    async def json(self) -> Any:
-        """The document."""
-        return self._document
-
-
-def _reads_credentials(dependant: Dependant) -> bool:
-    return isinstance(dependant.call, SecurityBase) or any(map(_reads_credentials, dependant.dependencies))
-
-
-async def _read(request: Request, limit: int | None) -> bytes:
-    """The body, whose length has a limit besides that of all requests."""
-    body = bytearray()
-    async for piece in request.stream():
-        body += piece
-        if limit is not None and len(body) > limit:
-            raise TooLargeError(limit)
-    return bytes(body)
-
-
-async def _parsed(request: Request, body: bytes) -> Any:
-    if not body:
-        return None
-    try:
-        if len(body) <= SHORT_BYTES:
-            return parse_json(body)
-        anonymous = getattr(request.state, "caller", None) is None
-        bodies = request.app.state.services.bodies
-        return await bodies.compute(partial(parse_json, body), payer_of(request), anonymous)
-    except JsonError as error:
-        fault = {"loc": ("body", *error.place), "msg": error.expected, "type": "json_invalid"}
-        raise RequestValidationError([fault]) from error
 
 
 def _check_count(text: str) -> None:

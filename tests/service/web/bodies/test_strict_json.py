@@ -11,16 +11,8 @@ from fastapi.routing import APIRoute
 
 from dohyo.service.accounts.model import Role
 from dohyo.service.app import ROUTERS
-from dohyo.service.web.bodies.strict_json import (
-    ANONYMOUS_BYTES,
-    DEEPEST,
-    MOST_KEYS,
-    MOST_VALUES,
-    JsonError,
-    StrictRoute,
-    parse_json,
-    readable,
-)
+from dohyo.service.web.bodies.strict_json import DEEPEST, MOST_KEYS, MOST_VALUES, JsonError, parse_json, readable
+from dohyo.service.web.bodies.strict_route import ANONYMOUS_BYTES, StrictRoute
 from dohyo.service.wire.messages import Format
 from tests.service.harness import Caller, assert_problem, running
 
