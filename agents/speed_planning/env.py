@@ -182,7 +182,7 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
             self._plan = SpeedPlan(self._world.time_s, target, self._state(), self._grid.cell_m)
 
     def state_of(self, segment_mps: FloatArray) -> FloatArray:
-        """(lanes, cells) speeds of now, m/s: those of (S,) segments, and over them the connected vehicles' own."""
+        """(lanes, cells) present speeds, m/s: those of (S,) segments, and over them the connected vehicles' own."""
         return fuse(self._grid, self._grid.spread(segment_mps), self._pings.pings(), self._world.time_s)
 
     def _state(self) -> FloatArray:

@@ -327,7 +327,8 @@ class LeaseBook:
         for lease in self._leases.values():
             if lease.episode is episode and not lease.ended:
                 self._finish(lease, outcome, directive)
-                self._returns[episode.order.stem] += directive == "abort" and not episode.stepped
+                if directive == "abort" and not episode.stepped:
+                    self._returns[episode.order.stem] += 1
         if outcome.end is End.FINISHED:
             del self._returns[episode.order.stem]
 

@@ -33,7 +33,7 @@ async def admit(services: Services, caller: Caller, identifier: str, code: str) 
             world.guests.admit(code, caller.owner)
             await asyncio.to_thread(add)
 
-    await asyncio.shield(asyncio.create_task(admit_in_turn()))  # the lock is held to the end, whoever gives up
+    await asyncio.shield(asyncio.create_task(admit_in_turn()))  # the lock is held to the end
 
 
 async def dismiss(services: Services, caller: Caller, identifier: str, owner: str) -> None:
