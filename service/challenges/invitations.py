@@ -135,7 +135,7 @@ def _team(session: Session, challenge: Challenge, invitation: Invitation, name: 
 
 
 def _is_promised(session: Session, challenge: Challenge, team: str) -> bool:
-    """Whether an open invitation names a team: its bearer would come into the team of an owner who had made it before."""
+    """Whether an open invitation names a team: another owner who makes it first would get its bearer."""
     same = (Invitation.challenge_id == challenge.id, func.lower(Invitation.team) == team.lower())
     return session.scalar(select(Invitation.id).where(*same, *_is_open()).limit(1)) is not None
 
