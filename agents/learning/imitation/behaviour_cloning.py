@@ -198,7 +198,8 @@ def cloning_trainer(summary: str, config: type[C], task_of: Callable[[C], Task])
             task = task_of(settings)
             policy, measures = _clone(task, run, lambda step, row: order.report(_report(settings, step, row)))
             facts = {"trainer": run.trainer, "task": task.name, "steps": str(settings.steps)}
-            export_exact(policy.exported, named(task.observation_space), run.folder / "policy", facts)
+            spaces = named(task.observation_space), task.action_space
+            export_exact(policy.exported, spaces, run.folder / "policy", facts)
             run.write_card("policy", task.name, settings.steps, measures, settings.data)
         return run.folder / "policy.safetensors"
 

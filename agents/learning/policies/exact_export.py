@@ -2,46 +2,74 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any, Final, cast
 
+import numpy as np
 import torch
-from gymnasium.spaces import Dict
+from gymnasium.spaces import Box, Dict, Discrete
 from safetensors.torch import save
 from torch import Tensor, nn
 
 from dohyo.agents.learning.policies.exact import DECIMALS
 from dohyo.agents.learning.policies.export import Exportable, export
+from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.files import write_atomically
 
+_LENGTH: Final = 8  # bytes of the length of safetensors' header, and what the header's own is a multiple of
 
-def export_exact(policy: Exportable, space: Dict, path: Path, facts: Mapping[str, str]) -> None:
-    """As `export`, with an ONNX model of `ExactPolicy`, whose actions are those of the weights to five decimals.
 
-    Discrete policies are exported as they are: the best action is the best on every processor.
+def export_exact(policy: Exportable, spaces: tuple[Dict, Box | Discrete], path: Path, facts: Mapping[str, str]) -> None:
+    """As `export`, with an ONNX model of `ExactPolicy`, whose actions are those of the weights, rounded as it says.
+
+    Discrete policies are exported as they are: the best action is the best on every processor. What is no action of the
+    space, such as the values of all options, is rounded to five decimals.
+
+    Args:
+        policy: See `export`.
+        spaces: Of one observation, by name, and of one action.
+        path: See `export`.
+        facts: See `export`.
     """
-    module = cast(nn.Module, policy)
-    zeros = {name: torch.zeros(1, *box.shape or (), dtype=_type_of(box)) for name, box in space.spaces.items()}
+    module, (seen, actions) = cast(nn.Module, policy), spaces
+    zeros = {name: torch.zeros(1, *box.shape or (), dtype=_type_of(box)) for name, box in seen.spaces.items()}
     with torch.no_grad():
-        continuous = deepcopy(module).cpu().eval()(zeros).is_floating_point()
-    if continuous:
-        export_running(policy, ExactPolicy(module), space, path, facts)
-    else:
-        export(policy, space, path, facts)
+        answer = deepcopy(module).cpu().eval()(zeros)
+    bounds = actions if isinstance(actions, Box) and actions.shape == answer.shape[1:] else None
+    runs = ExactPolicy(module, bounds) if answer.is_floating_point() else policy
+    export_running(policy, runs, seen, path, facts)
 
 
 def export_running(policy: Exportable, runs: Exportable, space: Dict, path: Path, facts: Mapping[str, str]) -> None:
-    """As `export`, with the weights of a policy as it is trained, and an ONNX model of what computes it."""
+    """As `export`, with the weights of a policy as it is trained, and an ONNX model of what computes it.
+
+    The same policy and facts give the same bytes.
+    """
     weights = {name: one.detach().cpu().contiguous() for name, one in cast(nn.Module, policy).state_dict().items()}
     with TemporaryDirectory() as folder:
         made = Path(folder) / path.name
         export(runs, space, made, facts)
         model = f"{path.name}.onnx"
         write_atomically(path.with_name(model), made.with_name(model).read_bytes())  # first, see `export`
-    write_atomically(path.with_name(f"{path.name}.safetensors"), save(weights, {**policy.facts(), **facts}))
+    write_atomically(path.with_name(f"{path.name}.safetensors"), _saved(weights, {**policy.facts(), **facts}))
+
+
+def _saved(weights: Mapping[str, Tensor], facts: Mapping[str, str]) -> bytes:
+    """Weights and facts as safetensors, in the order of their names; the library's own order of facts is random.
+
+    The format: the header's length in eight bytes, the header as JSON, filled with spaces to a multiple of eight bytes,
+    and the numbers, at places that count from the header's end.
+    """
+    plain = save(dict(weights))
+    begins = _LENGTH + int.from_bytes(plain[:_LENGTH], "little")
+    entries = json.loads(plain[_LENGTH:begins]) | {"__metadata__": dict(facts)}
+    header = json.dumps(entries, sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % _LENGTH)
+    return len(header).to_bytes(_LENGTH, "little") + header + plain[begins:]
 
 
 class ExactPolicy(nn.Module):
@@ -50,14 +78,24 @@ class ExactPolicy(nn.Module):
     ONNX Runtime has no convolution of doubles, so that each is written as a product of matrices.
     """
 
-    def __init__(self, policy: nn.Module) -> None:
+    scale: Tensor
+    low: Tensor | None
+    high: Tensor | None
+
+    def __init__(self, policy: nn.Module, actions: Box | None = None) -> None:
         """Copies the policy.
 
         Args:
             policy: See `export.Exportable`; its convolutions have neither groups nor dilation.
+            actions: Space of its actions. They are rounded to its `decimals`, then clipped, since rounding may leave
+                the bounds. None: five decimals and no bounds.
         """
         super().__init__()
         self.policy = of_doubles(policy)
+        places = np.array(DECIMALS, np.float64) if actions is None else decimals(actions)
+        self.register_buffer("scale", torch.from_numpy(np.asarray(10.0**places)))
+        self.register_buffer("low", None if actions is None else torch.tensor(actions.low))
+        self.register_buffer("high", None if actions is None else torch.tensor(actions.high))
 
     def facts(self) -> Mapping[str, str]:
         """See `export.Exportable`."""
@@ -66,9 +104,20 @@ class ExactPolicy(nn.Module):
     def forward(self, observation: Mapping[str, Tensor]) -> Tensor:
         """(B, ...) by name -> (B, A) float32."""
         doubles = {name: one.double() if one.is_floating_point() else one for name, one in observation.items()}
-        scale = 10.0**DECIMALS
-        rounded: Tensor = torch.round(self.policy(doubles) * scale) / scale
-        return rounded.float()
+        rounded: Tensor = (torch.round(self.policy(doubles) * self.scale) / self.scale).float()
+        if self.low is None or self.high is None:
+            return rounded
+        return torch.minimum(torch.maximum(rounded, self.low), self.high)
+
+
+def decimals(actions: Box) -> FloatArray:
+    """(A,) decimals that actions are rounded to: 5, or more where 5 would leave less than 100,000 steps between bounds.
+
+    Args:
+        actions: With finite bounds, the lower one below the upper one.
+    """
+    width = actions.high.astype(np.float64) - actions.low.astype(np.float64)
+    return DECIMALS + np.ceil(np.maximum(-np.log10(width), 0.0))
 
 
 class _Products(nn.Module):

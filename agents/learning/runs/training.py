@@ -259,8 +259,8 @@ class _Session:
     def _ship(self, best: bool) -> None:
         """Writes the policy of the last evaluation as `policy`, and as `best` where none was better, with cards."""
         folder, metrics = self._run.folder, {name: value for name, value in self._last.items() if name != "steps"}
-        facts = self._facts(self._last)
-        export_exact(self._learner.policy, named(self._task.observation_space), folder / "policy", facts)
+        spaces = named(self._task.observation_space), self._task.action_space
+        export_exact(self._learner.policy, spaces, folder / "policy", self._facts(self._last))
         for suffix in (".onnx", ".safetensors") if best else ():
             write_atomically(folder / f"best{suffix}", (folder / f"policy{suffix}").read_bytes())
         for model in ("policy", "best") if best else ("policy",):
