@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from dohyo.agents.endless_driving.config import TownConfig
 from dohyo.agents.endless_driving.latent import Latent, LatentConfig
@@ -23,7 +25,7 @@ from dohyo.agents.learning.algorithms.sac import Auxiliary, Sac, SacConfig
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.explorers import Explorers
 from dohyo.agents.learning.experience.replay import ReplayConfig
-from dohyo.agents.learning.runs.config import Positive
+from dohyo.agents.learning.runs.config import Positive, Share
 from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
@@ -44,10 +46,10 @@ class RladConfig(SacConfig):
 
     replay: ReplayConfig = ReplayConfig(capacity=100_000)
     batch: Positive = 64
-    learning_rate: float = 1e-3
-    tau: float = 0.01
-    initial_alpha: float = 0.1
-    learning_starts: int = 1000
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    tau: Share = 0.01
+    initial_alpha: Annotated[float, Field(gt=0)] = 0.1
+    learning_starts: Annotated[int, Field(ge=0)] = 1000
 
 
 class RladRunConfig(OffPolicyRunConfig):
