@@ -13,6 +13,7 @@ from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, run_benchmark
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import end_unguarded
 
 
 def evaluate(
@@ -41,8 +42,9 @@ def evaluate(
 
     Raises:
         InvalidInputError: An unknown name, an agent that cannot be made or imported, a mission that cannot be driven,
-            or a folder that holds another evaluation. Nothing has been driven then.
+            or a folder that holds another evaluation. Nothing has been driven then. Or a script without that guard.
     """
+    end_unguarded()
     if workers < 1:
         raise InvalidInputError(f"workers: expected at least 1, got {workers}")
     if isinstance(benchmark, str):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from types import MethodType
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from pydantic import ValidationError
@@ -19,9 +21,13 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Config, Mission
 from dohyo.sumo_networks.sensors import Observation, Track, make_sensors
 
-__all__ = ["Agent", "AgentSpec", "Explanation", "Mission", "Observation", "agent_info", "make_agent", "source_digest"]
+__all__ = [
+    "Agent", "AgentSpec", "Explanation", "Mission", "Observation",
+    "agent_info", "close_agent", "make_agent", "source_digest",
+]  # fmt: skip
 
 Explanation = dict[str, Any]
+_OPTIONAL: Final = ("warm_up", "explain", "close")
 
 
 class AgentSpec(Config):
@@ -41,7 +47,7 @@ class AgentSpec(Config):
 
 
 class Agent(Protocol):
-    """A policy that drives one ego. A subclass inherits the optional methods.
+    """A policy that drives one ego; it needs `spec`, `reset` and `act`. Any class that has them will do.
 
     Attributes:
         spec: Specification of the agent, known before the first episode.
@@ -81,6 +87,8 @@ class Agent(Protocol):
 def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
     """Makes an agent from "module:Class" and the keyword arguments of its constructor.
 
+    One that lacks an optional method gets that of `Agent`.
+
     Raises:
         InvalidInputError: The module or class is missing, its constructor fails, or its spec is impossible.
         OtherFamilyError: It does not drive cars.
@@ -88,7 +96,16 @@ def make_agent(entry: str, settings: Mapping[str, Any] | None = None) -> Agent:
     """
     agent: Agent = make_entry(entry, "agent", settings or {})
     _check(agent, entry)
+    _complete(agent, entry)
     return agent
+
+
+def close_agent(agent: Agent) -> None:
+    """Frees an agent's resources; what it was made for is over, so that a failure here is printed and loses nothing."""
+    try:
+        agent.close()
+    except (Exception, SystemExit):
+        traceback.print_exc()
 
 
 def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None, kind: Kind = "local") -> AgentInfo:
@@ -132,6 +149,8 @@ def _check(agent: Agent, entry: str) -> None:
     missing = [name for name in ("spec", "reset", "act") if not hasattr(agent, name)]
     if missing:
         raise InvalidInputError(f"agent '{entry}' has no {', '.join(missing)} (see dohyo.evaluation.agent.Agent)")
+    if isinstance(agent.spec, Mapping):
+        raise InvalidInputError(f"agent '{entry}': spec: expected an AgentSpec, got {type(agent.spec).__name__}")
     try:
         spec = AgentSpec.model_validate(agent.spec, from_attributes=True)
     except ValidationError as error:
@@ -140,3 +159,16 @@ def _check(agent: Agent, entry: str) -> None:
     make_sensors(spec.sensors, Track[spec.track.upper()])
     if spec.control not in CONTROLS:
         raise UnknownNameError("control", spec.control, CONTROLS)
+
+
+def _complete(agent: Agent, entry: str) -> None:
+    """Gives an agent of a class without a base the optional methods that it lacks."""
+    for name in _OPTIONAL:
+        if hasattr(agent, name):
+            continue
+        try:
+            setattr(agent, name, MethodType(getattr(Agent, name), agent))
+        except AttributeError as error:  # slots, or a frozen dataclass
+            raise InvalidInputError(
+                f"agent '{entry}' has no {name}, and has no room for one; derive it from dohyo.evaluation.agent.Agent"
+            ) from error

@@ -143,7 +143,7 @@ def _faults(error: ValidationError, schema: Schema, settings: Mapping[str, Any])
             near = difflib.get_close_matches(name, known, n=1)
             yield name, f"{UNKNOWN}, did you mean '{near[0]}'?" if near else UNKNOWN
         elif one["type"] == "missing":
-            yield name, f"expected {expected(known[name])}, got nothing"
+            yield name, f"expected {expected(known[name]) or 'a value'}, got nothing"
         else:
             came = settings.get(name, one["input"])
             yield name, f"expected {expected(known.get(name, {})) or one['msg']}, got {_short(came)}"

@@ -13,9 +13,14 @@ import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 
-EXACT: Final = 14
-"""Number of differences up to which all signs are tried."""
+EXACT: Final = 30
+"""Number of differences up to which all signs count; near a corrected threshold, drawn ones decide by luck."""
 FLIPS: Final = 20_000
+_AGAIN: Final = 10
+"""How many times as many signs are drawn where the first share is small, and a correction will multiply it."""
+_SMALL: Final = 0.02
+_LISTED: Final = 14  # differences whose signs are cheap to list
+_NEAR: Final = 0.01  # more than six standard errors of a drawn share at `LEVEL`
 SEED: Final = 0
 LEVEL: Final = 0.05
 FEWEST: Final = 6
@@ -32,12 +37,18 @@ _TOLERANCE: Final = 1e-9  # relative; the last bits of a sum depend on its order
 def sign_flips(differences: FloatArray) -> float:
     """Two-sided p-value of the mean of (N,) differences, under which each has either sign with equal chance.
 
-    For successes it is McNemar's exact test. With more than `EXACT` differences that are not 0 it is drawn.
+    For successes it is McNemar's exact test. With more than `EXACT` differences that are not 0 it is drawn. The order
+    of the differences is without effect.
 
     Source: Fisher 1935; Phipson and Smyth 2010 for drawn signs.
     """
-    changed = differences[differences != 0.0]
-    return float(_flipped(changed[None])[0]) if len(changed) else 1.0
+    changed = np.sort(differences[differences != 0.0])
+    if not len(changed):
+        return 1.0
+    if len(changed) <= EXACT:
+        return _exact(changed)
+    first = float(_drawn(changed[None])[0])
+    return float(_drawn(changed[None], _AGAIN)[0]) if 1 / FLIPS < first < _SMALL else first
 
 
 def differ(table: FloatArray) -> BoolArray:
@@ -46,30 +57,62 @@ def differ(table: FloatArray) -> BoolArray:
     counts, squares = np.count_nonzero(table, axis=1), np.square(table).sum(axis=1)
     # |sum| in its standard deviations under flipped signs; far sums need no flips.
     apart = np.abs(table.sum(axis=1)) / np.sqrt(np.where(squares > 0.0, squares, 1.0))
-    found[(counts > EXACT) & (apart > _CERTAIN)] = True
+    found[(counts > _LISTED) & (apart > _CERTAIN)] = True
     open_ = (counts > 0) & ~found & (apart >= 1.0)
     for count in np.unique(counts[open_]).tolist():
         rows = np.flatnonzero(open_ & (counts == count))
         changed = table[rows]
-        found[rows] = _flipped(changed[changed != 0.0].reshape(len(rows), count)) < LEVEL
+        found[rows] = _below_level(np.sort(changed[changed != 0.0].reshape(len(rows), count), axis=1))
     return found
 
 
-def _flipped(rows: FloatArray) -> FloatArray:
-    """(R,) p-values of (R, N) differences, none of which is 0."""
-    n = rows.shape[1]
-    drawn = n > EXACT
-    if drawn:
-        signs = np.random.default_rng(SEED).integers(0, 2, size=(FLIPS, n)) * 2.0 - 1.0
-    else:
-        signs = 1.0 - 2.0 * (np.arange(2**n)[:, None] >> np.arange(n) & 1)
+def _below_level(rows: FloatArray) -> BoolArray:
+    """(R,) whether p-values of (R, N) sorted differences are below `LEVEL`; drawn ones decide only far from it."""
+    count = rows.shape[1]
+    if count <= _LISTED:
+        return np.array([_exact(row) for row in rows]) < LEVEL
+    values = _drawn(rows)
+    if count <= EXACT:
+        for near in np.flatnonzero(np.abs(values - LEVEL) < _NEAR):
+            values[near] = _exact(rows[near])
+    return values < LEVEL
+
+
+def _exact(row: FloatArray) -> float:
+    """P-value of (N,) differences, none of which is 0: the share of all 2^N sums that are as far.
+
+    Sums of one half of the differences meet those of the other.
+
+    Source: Horowitz and Sahni 1974, for the halves.
+    """
+    least = abs(math.fsum(row)) * (1.0 - _TOLERANCE)
+    if least == 0.0:
+        return 1.0
+    middle = len(row) // 2
+    ours, theirs = _sums(row[:middle]), _sums(row[middle:])
+    above = len(theirs) - np.searchsorted(theirs, least - ours, side="left")
+    below = np.searchsorted(theirs, -least - ours, side="right")
+    return float(above.sum() + below.sum()) / 2.0 ** len(row)
+
+
+def _sums(row: FloatArray) -> FloatArray:
+    """(2^N,) sums of differences under all signs, in ascending order."""
+    sums = np.zeros(1)
+    for one in row:
+        sums = np.concatenate([sums - one, sums + one])
+    return np.sort(sums)
+
+
+def _drawn(rows: FloatArray, times: int = 1) -> FloatArray:
+    """(R,) p-values of (R, N) differences, none of which is 0, by `times` * `FLIPS` drawn signs."""
+    rng, hits = np.random.default_rng(SEED), np.zeros(len(rows))
     least = np.array([abs(math.fsum(row)) for row in rows]) * (1.0 - _TOLERANCE)
-    found = np.empty(len(rows))
-    for start in range(0, len(rows), _BLOCK):
-        block = slice(start, start + _BLOCK)
-        hits = np.count_nonzero(np.abs(rows[block] @ signs.T) >= least[block, None], axis=1)
-        found[block] = (1 + hits) / (FLIPS + 1) if drawn else hits / len(signs)
-    return found
+    for _ in range(times):
+        signs = rng.integers(0, 2, size=(FLIPS, rows.shape[1])) * 2.0 - 1.0
+        for start in range(0, len(rows), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            hits[block] += np.count_nonzero(np.abs(rows[block] @ signs.T) >= least[block, None], axis=1)
+    return (1.0 + hits) / (times * FLIPS + 1)
 
 
 def random_effects(table: FloatArray) -> float:

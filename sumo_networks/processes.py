@@ -8,13 +8,24 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.context import ForkServerContext, SpawnContext
-from multiprocessing.process import BaseProcess
-from typing import Any
+from multiprocessing.process import (
+    ORIGINAL_DIR,  # type: ignore[attr-defined]
+    BaseProcess,
+)
+from pathlib import Path
+from typing import Any, Final
+
+from dohyo.sumo_networks.errors import InvalidInputError
 
 PRELOADED = "dohyo.sumo_networks.preloaded"
+
+UNGUARDED: Final = 78
+"""Exit code of a worker process that imported a script without a guard, and was asked by it to start work again."""
+GUARD: Final = 'a script that starts processes needs `if __name__ == "__main__":` around what it does'
 
 _owner: int | None = None
 """Process that started the server, and that alone can use it: not one that was forked from it."""
@@ -29,6 +40,12 @@ def worker_context() -> ForkServerContext | SpawnContext:
     return multiprocessing.get_context("forkserver")
 
 
+def end_unguarded() -> None:
+    """Ends this process if it is a worker that still imports the script of its parent, which begins work again."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # as multiprocessing itself finds out
+        os._exit(UNGUARDED)
+
+
 def worker_process(target: Callable[..., object], *arguments: object) -> BaseProcess:
     """Makes a worker process, not started yet; it ends with its parent.
 
@@ -37,7 +54,11 @@ def worker_process(target: Callable[..., object], *arguments: object) -> BasePro
         arguments: Arguments of the function.
 
     Returns:
-        The process, with the environment variables that this process has now.
+        The process, with the environment variables that this process has now. It ends with `UNGUARDED` where the script
+        of this process starts others as it is imported.
+
+    Raises:
+        InvalidInputError: The script of this process is no file, such as standard input, and cannot be imported again.
     """
     context = _preloading(target)
     return context.Process(target=_call, args=(dict(os.environ), target, *arguments), daemon=True)
@@ -52,6 +73,9 @@ def worker_pool(
         workers: Number of processes.
         target: Function that the pool will call. The server loads the module of the first target.
         max_tasks_per_child: Calls after which a process is replaced.
+
+    Raises:
+        InvalidInputError: See `worker_process`.
     """
     return ProcessPoolExecutor(
         workers,
@@ -63,6 +87,10 @@ def worker_pool(
 
 
 def _preloading(target: Callable[..., object]) -> ForkServerContext | SpawnContext:
+    end_unguarded()
+    script = getattr(sys.modules["__main__"], "__file__", None)
+    if script is not None and not Path(ORIGINAL_DIR, script).exists():
+        raise InvalidInputError(f"expected a script in a file, which processes can import, got '{script}'")
     context = worker_context()
     context.set_forkserver_preload([PRELOADED, target.__module__])  # without effect once the server runs
     return context

@@ -9,7 +9,7 @@ from typing import Final
 
 from dohyo.agents.league.edition import Discipline, Edition, Entrant
 from dohyo.agents.league.measures import MEASURES
-from dohyo.agents.league.standings import Place, better_of_missions, mean_of, standings
+from dohyo.agents.league.standings import Place, better_of_missions, mean_of, missions_can_tell, standings
 from dohyo.agents.studies.rows import Row, infractions_per_km
 from dohyo.agents.studies.tables import anchor, fixed
 from dohyo.evaluation.families import Family
@@ -48,7 +48,7 @@ Bold marks the leader of a discipline, and every entrant whose paired difference
 _RULES: Final = """## Rules
 
 * Entrants are compared on the same drives. A difference counts if it is significant at 5 %, by flipped signs of the paired differences and after Holm's correction over all pairs of a discipline. Intervals are 95 %, bootstraps over drives or Wilson's of single vehicles' shares, and not corrected.
-* Seeds of one mission are drives in different traffic, and each counts. A difference therefore holds on these missions, in any traffic. Whether it holds on other missions, only disciplines with many missions can show: with eight or fewer none can be significant after the correction, however large. For that, all seeds of a mission count once. That leaves: {left}.
+* Seeds of one mission are drives in different traffic, and each counts. A difference therefore holds on these missions, in any traffic. Whether it holds on other missions, only disciplines with many missions can show. For that, all seeds of a mission count once. That leaves: {left}.{few}
 * Lost drives (a fault of the machine, a gridlock) are in no mean.
 * Times of decisions are of a machine that did other work, too: they tell an order of magnitude, and no more.
 * `dohyo league run` resumes; `dohyo league verify --sample 2` of the version that drove the rows drives two of everybody again, and compares the hashes of the records, and every measure.
@@ -57,17 +57,19 @@ _RULES: Final = """## Rules
 
 def _rules(edition: Edition, found: Mapping[str, Sequence[Place]], rows: Sequence[Row]) -> str:
     """How entrants are compared, and what is left of the differences where missions count, and not drives."""
-    told = []
+    told, few = [], []
     for one in edition.disciplines:
         if one.family is Family.DRIVING and (drives := sum(len(place.ahead_of) for place in found[one.name])):
             left = better_of_missions(one, [place.entrant for place in found[one.name]], rows)
             told.append(f"{one.name} {len(left)} of {drives}")
-    return _RULES.format(left=", ".join(told) or "none")
+            few += [one.name] * (not missions_can_tell(found[one.name]))
+    impossible = f" In {', '.join(few)} there are too few missions for any, however large it is." if few else ""
+    return _RULES.format(left=", ".join(told) or "none", few=impossible)
 
 
 def _seeds(edition: Edition) -> str:
     """Who looked at which seeds."""
-    told = edition.looked_at or ("Nobody had looked at drives on them.",)
+    told = edition.looked_at or ("Who had looked at drives with them is not told.",)
     return "\n".join(
         ["They stand in the edition's file with the samples, and were fixed before the first drive.", ""]
         + [f"* {line}" for line in told]

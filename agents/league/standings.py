@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -73,6 +74,15 @@ def better_of_missions(
     Such a pair differs on other missions, too. An entrant with a lost drive has the mean of its mission's others.
     """
     return _better(discipline, list(entrants), [row for row in rows if row["benchmark"] == discipline.name], _missions)
+
+
+def missions_can_tell(places: Sequence[Place]) -> bool:
+    """Whether the best entrant of a discipline could be better than the worst where all seeds of a mission count once.
+
+    The smallest p-value of flipped signs is 2 / 2^n for n missions, and it is corrected over all pairs.
+    """
+    missions = len({row["scenario"] for place in places for row in place.rows})
+    return math.comb(len(places), 2) * 2.0 ** (1 - missions) < LEVEL
 
 
 def _missions(matched: Matched) -> Matched:

@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dohyo.evaluation.agent import Agent, AgentSpec, Observation, make_agent
+from dohyo.evaluation.agent import Agent, AgentSpec, Observation, close_agent, make_agent
 from dohyo.evaluation.episode.runner import Watch, drive_episode, versions
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord
 from dohyo.evaluation.records.specifications import Status
@@ -29,6 +29,7 @@ from dohyo.evaluation.running.job import DIED_TWICE, KILL_GRACE_S, MAX_ATTEMPTS,
 from dohyo.evaluation.running.worker import Parent, WorkerProcess
 from dohyo.sumo_networks.errors import AgentError, AgentTimeoutError, InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.processes import GUARD, UNGUARDED
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission
 
@@ -131,6 +132,8 @@ class Worker:
             raise answer
         if isinstance(answer, EpisodeRecord):
             return answer
+        if answer is None and not hangs and self.process.exit_code == UNGUARDED:
+            raise InvalidInputError(GUARD)
         failure = answer or ("" if hangs else f"worker process ended with code {self.process.exit_code}")
         self.process.replace()
         if hangs:
@@ -267,12 +270,4 @@ def _drive(job: Job, watch: Watch) -> tuple[EpisodeRecord, Trajectory]:
         )
     finally:
         for agent in agents.values():
-            _close(agent)
-
-
-def _close(agent: Agent) -> None:
-    """Frees an agent's resources; its drive is over, so that a failure here must not lose it."""
-    try:
-        agent.close()
-    except (Exception, SystemExit):
-        traceback.print_exc()
+            close_agent(agent)

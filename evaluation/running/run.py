@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.agent import agent_info, close_agent, make_agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
@@ -186,7 +186,7 @@ def _described(entry: str, settings: Mapping[str, Any] | None, kind: Kind, bench
     try:
         return agent_info(agent, entry, settings, kind)
     finally:
-        agent.close()
+        close_agent(agent)
 
 
 def _claim(out: Path, manifest: Manifest) -> Manifest:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from dohyo.agents.forecasting.agent import make_forecast_agent
-from dohyo.evaluation.agent import Agent, agent_info, make_agent
+from dohyo.evaluation.agent import Agent, agent_info, close_agent, make_agent
 from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import describe
 from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL, OtherFamilyError
@@ -83,12 +83,11 @@ class Driver:
         """
         agent = self._make()
         try:
-            if hasattr(agent, "warm_up"):
-                agent.warm_up()
+            agent.warm_up()
         except Exception as error:  # an agent may raise anything
             raise InvalidInputError(f"agent '{self.entry}' fails in warm_up: {describe(error)}") from error
         finally:
-            agent.close()
+            close_agent(agent)
 
     def agents(self, drive: Drive) -> dict[str, Agent]:
         """A fresh agent for each ego of an episode.
@@ -181,7 +180,7 @@ def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:
         raise
     finally:
         for agent in agents.values():
-            agent.close()
+            close_agent(agent)
 
 
 def _decide_all(session: WorkerSession, agents: Mapping[str, Agent], drive: Drive) -> None:

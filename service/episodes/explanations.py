@@ -40,7 +40,7 @@ class Trace:
         lines = self.lines.setdefault(ego, [])
 
         def note(explanation: Explanation | None) -> None:
-            text = "null" if self.size > EXPLANATIONS_LIMIT_BYTES else _encoded(explanation)
+            text = "null" if self.size > EXPLANATIONS_LIMIT_BYTES else encoded(explanation)
             self.size += len(text)
             lines.append(text)
 
@@ -71,7 +71,7 @@ def explanation_at(path: Path, tick: int) -> dict[str, Any]:
     return found
 
 
-def _encoded(explanation: Explanation | None) -> str:
+def encoded(explanation: Explanation | None) -> str:
     """JSON on one line, null for NaN and infinity; an explanation that cannot be encoded must not end the drive."""
     try:
         return msgspec.json.encode(explanation, enc_hook=_plain).decode()

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from dohyo.agents.registry import resolve
-from dohyo.evaluation.agent import agent_info, make_agent
+from dohyo.evaluation.agent import agent_info, close_agent, make_agent
 from dohyo.evaluation.freeway.day import FORECASTER, DayScenario
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.parking.benchmark import LotScenario
@@ -197,6 +197,6 @@ def _checked(info: AgentInfo) -> AgentInfo:
         try:
             there = agent_info(agent, entry, info.settings)
         finally:
-            agent.close()
+            close_agent(agent)
         check_unchanged(info, there)
     return info.model_copy(update={"entry": entry})

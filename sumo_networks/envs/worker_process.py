@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
-from dohyo.sumo_networks.processes import worker_context, worker_process
+from dohyo.sumo_networks.processes import GUARD, UNGUARDED, worker_context, worker_process
 
 JOIN_S = 5.0
 # After a sleep between two ticks of 0.2 ms, the core is halted and its caches are cold, and a tick takes 50 % longer.
@@ -154,6 +154,8 @@ class WorkerProcess:
         assert self._process is not None  # it was sent a command
         self._process.join(JOIN_S)
         process = self._process
+        if process.exitcode == UNGUARDED:
+            return WorkerDeathError(f"worker {self._number} ran the script again: {GUARD}")
         return WorkerDeathError(f"worker {self._number} (process {process.pid}) ended with code {process.exitcode}")
 
 

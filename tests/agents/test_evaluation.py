@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -34,6 +37,23 @@ def test_a_name_a_path_and_a_class_give_the_same_record(tmp_path: Path) -> None:
 def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
     dohyo.evaluate("reckless", tiny(), seeds=[4], out=tmp_path)
     assert dohyo.evaluate("reckless", tiny(), seeds=[4], out=str(tmp_path)).resumed == 1
+
+
+@pytest.mark.parametrize("standard_input", [False, True])
+def test_a_script_without_a_guard_is_told_so(standard_input: bool, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        'import dohyo; dohyo.evaluate("reckless", "quickstart", seeds=[0], only=["through-east"], out="out")'
+    )
+    told = subprocess.run(
+        [sys.executable, "-" if standard_input else str(script)],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.getcwd()}, capture_output=True, text=True,
+        input=script.read_text() if standard_input else "", check=False,
+    )  # fmt: skip
+    assert told.returncode == 1
+    last = told.stderr.splitlines()[-1]
+    assert ("expected a script in a file" if standard_input else "if __name__") in last, told.stderr
+    assert not list(tmp_path.glob("out/records/*"))
 
 
 def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -199,3 +200,38 @@ class NeedsTooMuch(Steady):
 class FailsWhenMade(Steady):
     def __init__(self) -> None:
         raise OSError("no weights here")
+
+
+class Plain:
+    """Has what every agent needs, no base, and none of the optional methods."""
+
+    spec = AgentSpec(name="plain", sensors=("speedometer",), control="lane_command")
+
+    def reset(self, mission: Mission, seed: int) -> None:
+        self.seed = seed
+
+    def act(self, observation: Observation) -> np.ndarray:
+        return np.array([6.0, 0.0])
+
+
+class Slotted:
+    """Has no room for methods that it lacks."""
+
+    __slots__ = ("seed",)
+    spec, reset, act = Plain.spec, Plain.reset, Plain.act
+
+
+class WithDict(Plain):
+    spec: ClassVar[dict[str, str]] = {"name": "with-dict"}  # type: ignore[assignment]
+
+
+class NeverCloses(Plain):
+    """Fails to close also where it is only described."""
+
+    def close(self) -> None:
+        raise RuntimeError("nothing to close")
+
+
+class Explains(Plain):
+    def explain(self) -> dict[str, object]:
+        return {"trajectory": np.zeros((3, 2)), "leader": float("inf"), "seed": self.seed}

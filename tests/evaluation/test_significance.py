@@ -22,9 +22,23 @@ def test_successes_are_judged_as_by_mcnemar(worse: int) -> None:
 
 
 def test_a_few_differences_are_tested_exactly_as_by_scipy() -> None:
-    differences = np.random.default_rng(0).normal(0.5, 1.0, EXACT)
+    differences = np.random.default_rng(0).normal(0.5, 1.0, 14)
     theirs = permutation_test((differences,), np.mean, permutation_type="samples", n_resamples=np.inf)
     assert sign_flips(differences) == pytest.approx(theirs.pvalue)
+
+
+def test_all_signs_of_thirty_differences_count_as_successes_do() -> None:
+    differences = np.array([1.0] * 24 + [-1.0] * 6)
+    assert sign_flips(differences) == pytest.approx(binomtest(24, 30).pvalue, rel=1e-12)
+    uneven = differences * np.where(np.arange(30) < 3, 1.0 + 1e-12, 1.0)  # another sum for each choice of signs
+    assert sign_flips(uneven) == pytest.approx(sign_flips(differences), rel=1e-12)
+
+
+@pytest.mark.parametrize("count", [9, EXACT, EXACT + 20])
+def test_the_order_of_the_differences_is_without_effect(count: int) -> None:
+    rng = np.random.default_rng(5)
+    differences = rng.normal(0.4, 1.0, count)
+    assert len({sign_flips(rng.permutation(differences)) for _ in range(5)}) == 1
 
 
 def test_many_differences_are_drawn_near_the_t_test() -> None:
@@ -71,7 +85,7 @@ def test_holes_are_filled_by_rows_and_columns() -> None:
     assert random_effects(holed) == pytest.approx(random_effects(additive), rel=1e-6)
 
 
-@pytest.mark.parametrize("count", [1, 5, EXACT, EXACT + 1, 70])
+@pytest.mark.parametrize("count", [1, 5, 14, 15, EXACT, EXACT + 1, 70])
 def test_many_rows_at_once_are_decided_as_each_alone(count: int) -> None:
     rng = np.random.default_rng(count)
     rows = rng.normal(rng.uniform(-1.0, 1.0, (200, 1)) / count**0.5 * 3.0, 1.0, (200, count))

@@ -33,7 +33,7 @@ def open_loop_score(planned: FloatArray, driven: FloatArray) -> float:
         driven: (T, 8, 3) where the vehicle was then.
 
     Raises:
-        InvalidInputError: There are no plans, or the shapes differ.
+        InvalidInputError: There are no plans, the shapes differ, or a value is not finite.
     """
     shape = (len(planned), HORIZONS_S[-1], 3)
     if not len(planned) or planned.shape != shape or driven.shape != shape:
@@ -41,6 +41,10 @@ def open_loop_score(planned: FloatArray, driven: FloatArray) -> float:
             f"open-loop score: expected plans and drives of (T, {shape[1]}, 3), T above 0, got {planned.shape} and "
             f"{driven.shape}"
         )
+    for what, values in (("plans", planned), ("drives", driven)):
+        if not np.isfinite(values).all():
+            first = int(np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))[0])
+            raise InvalidInputError(f"open-loop score: expected finite {what}, got NaN or infinity at {first} s")
     distance = np.linalg.norm(planned[..., :2] - driven[..., :2], axis=-1)
     turned = np.abs(wrap_angle(planned[..., 2] - driven[..., 2]))
     for horizon, bound in zip(HORIZONS_S, MISSED_M, strict=True):

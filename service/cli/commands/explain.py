@@ -20,6 +20,7 @@ from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.report.road_map import drivable_lanes
 from dohyo.service.cli.output import console
 from dohyo.service.cli.trust import Policy, Trust, trusted_agents
+from dohyo.service.episodes.explanations import encoded
 from dohyo.service.episodes.recorded_agents import close_all
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import AgentError, InvalidInputError
@@ -40,8 +41,7 @@ class _UpTo(Agent):
         self._now = 0
 
     def warm_up(self) -> None:
-        if hasattr(self.agent, "warm_up"):
-            self.agent.warm_up()
+        self.agent.warm_up()
 
     def reset(self, mission: Mission, seed: int) -> None:
         self.agent.reset(mission, seed)
@@ -75,7 +75,7 @@ def explain(
     if why is None:
         raise InvalidInputError(f"'{record}': the agent of '{name}' has no explanation at {time:g} s")
     if out is None:
-        print(json.dumps(why, indent=1))
+        print(json.dumps(json.loads(encoded(why)), indent=1))
         return
     agent = next(one.agent.name for one in old.egos if one.name == name)
     if "nodes" not in why:

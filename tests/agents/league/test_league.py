@@ -239,9 +239,23 @@ def test_the_published_edition_has_agents_benchmarks_and_weights_that_exist() ->
     assert all(name in {one.name for one in edition.disciplines} for one in edition.entrants for name in one.reported)
 
 
+@pytest.mark.parametrize(("missions", "few"), [(5, True), (6, False)])
+def test_the_page_says_where_missions_are_too_few_to_tell(missions: int, few: bool) -> None:
+    """Two entrants make one pair: six missions on one side have a p-value of 2 / 64."""
+    edition = of_drivers("good", "bad")
+    rows = [
+        row | {"scenario": f"mission-{number % missions}", "seed": number // missions}
+        for arm, score in (("good", 90.0), ("bad", 10.0))
+        for number, row in enumerate(rows_of(**{arm: [score + one for one in range(2 * missions)]}))
+    ]
+    name = edition.disciplines[0].name
+    assert (f"In {name} there are too few missions for any" in page(edition, rows)) == few
+    assert f"{name} {0 if few else 1} of 1." in page(edition, rows)
+
+
 def test_the_page_says_which_seeds_had_been_looked_at() -> None:
     edition = of_drivers("a")
-    assert "Nobody had looked at drives on them." in page(edition, rows_of(a=[50.0]))
+    assert "Who had looked at drives with them is not told." in page(edition, rows_of(a=[50.0]))
     told = edition.model_copy(update={"looked_at": ("Seed 5 was driven before.", "Seed 6, too.")})
     assert "* Seed 5 was driven before.\n* Seed 6, too.\n" in page(told, rows_of(a=[50.0]))
 

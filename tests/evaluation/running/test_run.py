@@ -53,6 +53,24 @@ def hashes(result: Result) -> list[str]:
     return [record.record_hash for record in result.records]
 
 
+@pytest.mark.parametrize("agent", ["Plain", "NeverCloses"])
+def test_a_class_without_a_base_drives(agent: str, tmp_path: Path) -> None:
+    (record, *_) = run_benchmark(benchmark(1), f"tests.evaluation.agents:{agent}", out=tmp_path, seeds=[0]).records
+    assert record.egos[0].driven_m > 5.0, record.egos[0].failure
+    assert not record.egos[0].failure
+
+
+@pytest.mark.parametrize(
+    ("agent", "why"), [("WithDict", "expected an AgentSpec, got dict"), ("Slotted", "derive it from")]
+)
+def test_one_that_cannot_be_completed_is_refused_before_anything_is_written(
+    agent: str, why: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInputError, match=why):
+        run_benchmark(benchmark(1), f"tests.evaluation.agents:{agent}", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_order_and_number_of_workers_change_no_hash(tmp_path: Path) -> None:
     one = run_benchmark(benchmark(), STEADY, out=tmp_path / "one")
     two = run_benchmark(benchmark(), STEADY, out=tmp_path / "two", executor=ProcessPool(2))

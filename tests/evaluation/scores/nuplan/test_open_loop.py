@@ -73,3 +73,13 @@ def test_where_the_drive_is_seen_from_changes_nothing(angle: float, x: float, se
 def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(InvalidInputError, match=r"expected plans and drives of \(T, 8, 3\)"):
         open_loop_score(np.zeros(shape), np.zeros(shape))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_plan_that_is_not_finite_has_no_score(value: float) -> None:
+    planned = straight(4)
+    planned[2, 5, 0] = value
+    with pytest.raises(InvalidInputError, match="expected finite plans, got NaN or infinity at 2 s"):
+        open_loop_score(planned, straight(4))
+    with pytest.raises(InvalidInputError, match="expected finite drives"):
+        open_loop_score(straight(4), planned)

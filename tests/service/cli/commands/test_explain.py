@@ -59,6 +59,14 @@ def test_an_agent_without_a_search_is_refused_by_its_name(tmp_path: Path) -> Non
     assert not page.exists()
 
 
+def test_arrays_and_infinity_become_plain_json(tmp_path: Path) -> None:
+    record = driven(tmp_path, "tests.evaluation.agents:Explains", {}, 0.5)
+    result = CliRunner().invoke(app, ["explain", str(record), "--time", "0.3", "--trust"])
+    assert result.exit_code == 0, result.output
+    why = json.loads(result.stdout, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    assert why == {"trajectory": [[0.0, 0.0]] * 3, "leader": None, "seed": 0}
+
+
 def test_a_moment_after_the_end_is_refused(record: Path) -> None:
     result = CliRunner().invoke(app, ["explain", str(record), "--time", "60"])
     assert isinstance(result.exception, InvalidInputError)
