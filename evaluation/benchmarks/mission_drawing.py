@@ -20,6 +20,7 @@ from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.lights import LONGEST_PHASE_S, endless_lights
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.overpasses import find_overpasses
 from dohyo.sumo_networks.routes.command import Command
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
@@ -37,6 +38,8 @@ LANE_CHANGE_M = 1e-3
 # A compact car at full lock: 2.7 m of wheelbase, 0.6 rad at the front wheels.
 MIN_RADIUS_M = 4.0
 MIN_LANE_CHANGE_M = 15.0
+OVERPASS_ROOM_M = 10.0
+"""Least distance of a route from a place where one of its lanes crosses another road without a junction."""
 
 Check = Callable[[Route], str | None]
 """Reason why a route makes no mission; None: it does."""
@@ -284,7 +287,16 @@ def unfit(network: RoadNetwork, route: Route, endless: frozenset[str]) -> str | 
         return f"a bend of less than {MIN_RADIUS_M:g} m of radius"
     if any(change.end - change.start < MIN_LANE_CHANGE_M for change in route.lane_changes):
         return f"a lane change in less than {MIN_LANE_CHANGE_M:g} m"
+    if _passes_overpass(network, route):
+        return "a crossing of roads without a junction"
     return None
+
+
+def _passes_overpass(network: RoadNetwork, route: Route) -> bool:
+    """Whether traffic of a road above or below the route would be in its way, since all roads lie in one plane."""
+    overpasses = find_overpasses(network)
+    places = overpasses.points[route.on_route[overpasses.lanes].any(axis=1)]
+    return any((np.hypot(*(route.position - place).T) < OVERPASS_ROOM_M).any() for place in places)
 
 
 def _choose_unlike(pool: Sequence[DrawnMission], count: int, rng: np.random.Generator) -> Iterator[DrawnMission]:

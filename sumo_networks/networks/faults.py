@@ -12,6 +12,7 @@ import numpy as np
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.networks.lights import LONGEST_PHASE_S, crossings_at, lights_at_bends, longest_phases
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.overpasses import find_overpasses
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
 MIN_LENGTH_M = 0.5
@@ -19,6 +20,8 @@ MAX_KINK = np.radians(60.0)
 # A compact car at full lock: 2.7 m of wheelbase, 0.6 rad at the front wheels.
 MIN_RADIUS_M = 4.0
 CURVATURE_SPAN_M = 3.0
+OVERPASS_SIZE_M = 50.0
+"""Distance within which crossings of the lanes of two roads are one place."""
 PLAUSIBLE_KMH = (8.0, 150.0)
 """Speed limits of roads; those of living streets begin at 10 km/h."""
 
@@ -32,6 +35,7 @@ class FaultKind(StrEnum):
     LIGHT_AT_BEND = "light at a bend"
     LONG_PHASE = "endless light"
     LIMIT = "implausible limit"
+    OVERPASS = "roads that cross without a junction"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,9 @@ MEANINGS: Mapping[FaultKind, FaultMeaning] = MappingProxyType(
         FaultKind.LIGHT_AT_BEND: FaultMeaning("crossings", "import with --fix: removes it where nobody crosses"),
         FaultKind.LONG_PHASE: FaultMeaning("s, longest phase", "import with --fix: gives the light a usual program"),
         FaultKind.LIMIT: FaultMeaning("km/h", "import with --fix: sets the usual limit of the network"),
+        FaultKind.OVERPASS: FaultMeaning(
+            "degrees between them", "no drawn mission passes here: even on a bridge, cars of one road are on the other"
+        ),
     }
 )
 
@@ -66,7 +73,8 @@ class Fault:
 
     Attributes:
         kind: Kind of the fault.
-        name: SUMO id of the lane, of the edge (limits) or of the traffic light.
+        name: SUMO id of the lane, of the edge (limits) or of the traffic light; those of both edges, or of the
+            junction, where roads cross without one.
         value: Measured value, in the unit of its kind.
         x_m: Place in the network frame, m.
         y_m: Place in the network frame, m.
@@ -86,7 +94,7 @@ class Fault:
 
 def find_faults(network: RoadNetwork) -> tuple[Fault, ...]:
     """All faults of a network; those of its geometry inside junctions too."""
-    return (*_lights(network), *_limits(network), *_geometry(network))
+    return (*_lights(network), *_limits(network), *_geometry(network), *_overpasses(network))
 
 
 def usual_limit(network: RoadNetwork) -> float:
@@ -140,6 +148,21 @@ def _geometry(network: RoadNetwork) -> Iterator[Fault]:
             yield _fault(FaultKind.KINK, name, round(float(np.degrees(kink))), shape[len(shape) // 2])
         elif radius < MIN_RADIUS_M:
             yield _fault(FaultKind.CURVATURE, name, round(radius, 1), shape[len(shape) // 2])
+
+
+def _overpasses(network: RoadNetwork) -> Iterator[Fault]:
+    """One fault for each place where two edges cross; a junction stands for all ways through it."""
+    found, places = find_overpasses(network), dict[str, list[FloatArray]]()
+    for pair, point, angle in zip(found.lanes.tolist(), found.points, found.angles.tolist(), strict=True):
+        names = " and ".join(sorted(_road_name(network, lane) for lane in pair))
+        if all(np.hypot(*(point - place)) > OVERPASS_SIZE_M for place in places.setdefault(names, [])):
+            places[names].append(point)
+            yield _fault(FaultKind.OVERPASS, names, round(float(np.degrees(angle))), point)
+
+
+def _road_name(network: RoadNetwork, lane: int) -> str:
+    edge = network.edge_id(lane)
+    return f"junction {edge[1:].rpartition('_')[0]}" if network.lanes.internal[lane] else edge
 
 
 def _fault(kind: FaultKind, name: str, value: float, place: FloatArray) -> Fault:

@@ -73,6 +73,15 @@ def test_no_mission_leads_through_a_light_that_only_another_program_switches() -
     assert drawing.left_out["a traffic light with a phase of more than 150 s"] > 0
 
 
+def test_no_mission_leads_over_or_under_a_road_without_a_junction() -> None:
+    network = load_network("a10")
+    drawing = draw_missions(network, 3, (300.0, 1500.0), seed=0)
+    assert drawing.left_out["a crossing of roads without a junction"] > 0
+    bridges = np.array([[1757.0, 2368.3], [1766.4, 2362.4], [1767.8, 2325.5], [1755.7, 2333.5]])
+    near = [np.hypot(*(one.route.position - place).T).min() for one in drawing.missions for place in bridges]
+    assert min(near) > 10.0
+
+
 def test_what_a_check_refuses_is_left_out_and_counted() -> None:
     drawing = draw_missions(TOWN, 3, (150.0, 700.0), seed=0, check=lambda route: _odd(route.length))
     assert all(int(one.route.length) % 2 == 0 for one in drawing.missions)
