@@ -108,8 +108,9 @@ def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demon
     """Demonstrations that the settings name, or those of a run's folder, which are recorded where there are none.
 
     Raises:
-        InvalidInputError: The settings name demonstrations that do not exist, or are of another task or older; or
-            the run's folder has those of another expert, left by a training that has not begun.
+        InvalidInputError: The settings name demonstrations that do not exist, are of another task or older, or do not
+            fit the task's spaces; or the run's folder has those of another expert, left by a training that has not
+            begun.
     """
     own = folder / "demonstrations"
     if not settings.demonstrations and not (own / INDEX).exists():
@@ -123,6 +124,7 @@ def demonstrations_of(settings: GriRunConfig, task: Task, folder: Path) -> Demon
     told = shown.index.expert, len(shown)
     if not settings.demonstrations and told != (wanted := (_expert(settings), settings.shown)):
         raise InvalidInputError(f"'{where}': expected expert and number of demonstrations {wanted}, got {told}")
+    shown.check(task)
     return shown
 
 

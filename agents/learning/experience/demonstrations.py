@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import torch
+from gymnasium.spaces import Box, Discrete
 from pydantic import ValidationError
+from safetensors import SafetensorError
 from safetensors.numpy import load, save
 from tensordict import TensorDict
 
@@ -21,7 +24,7 @@ from dohyo.agents.learning.experience.collector import Collector, Finished
 from dohyo.agents.learning.experience.replay import Replay
 from dohyo.agents.learning.files.card import digest
 from dohyo.agents.learning.tasks.environments import check_environments
-from dohyo.agents.learning.tasks.task import Array, Task, check_task
+from dohyo.agents.learning.tasks.task import Array, Task, check_task, named
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -30,6 +33,8 @@ from dohyo.sumo_networks.seeds import training_seed
 INDEX = "demonstrations.json"
 OBSERVATION = "observation."
 """Prefix of an observation's name among an episode's arrays."""
+TOLERANCE: Final = 1e-3
+"""Share of the width between its bounds by which a demonstrated action may leave them."""
 
 
 class Entry(Config):
@@ -202,17 +207,33 @@ class Demonstrations:
         """Highest reward of a recorded step."""
         return max(float(self.episode(number)["reward"].max()) for number in range(len(self)))
 
+    def check(self, task: Task) -> None:
+        """Reads all episodes, and compares them with the spaces of the task that is to be learned from them.
+
+        Raises:
+            InvalidInputError: There is no episode, a file is missing or not that of the index, or a column is missing,
+                surplus, of another type, shape or length than the task's, not finite, or has actions that are out of
+                bounds by more than `TOLERANCE`. The message names file and column.
+        """
+        if not len(self):
+            raise InvalidInputError(f"'{self._folder / INDEX}': expected at least one episode, got none")
+        for number, entry in enumerate(self.index.episodes):
+            _check_columns(f"'{self._folder / entry.file}'", self.episode(number), entry.length, task)
+
     def episode(self, number: int) -> dict[str, Array]:
         """Arrays of an episode: "observation.NAME" (T + 1, ...), "action" (T, ...) and "reward" (T,).
 
         Raises:
-            InvalidInputError: The file is missing, or not that of the index.
+            InvalidInputError: The file is missing, not that of the index, or no safetensors.
         """
         entry = self.index.episodes[number]
         path = self._folder / entry.file
-        if not path.exists() or digest(path) != entry.sha256:
+        if not path.is_file() or digest(path) != entry.sha256:
             raise InvalidInputError(f"'{path}': expected the file that {INDEX} names, got another one, or none")
-        return load(path.read_bytes())
+        try:
+            return load(path.read_bytes())
+        except SafetensorError as error:
+            raise InvalidInputError(f"'{path}': expected safetensors: {error}") from error
 
     def transitions(self, numbers: range | None = None) -> TensorDict:
         """Transitions of some episodes, in memory; by default of all.
@@ -261,6 +282,42 @@ class Demonstrations:
         }
         rows = {"observation": seen[:-1], "action": arrays["action"], "episode": torch.full((entry.length,), number)}
         return TensorDict({**rows, "next": after}, [entry.length])
+
+
+def _check_columns(file: str, arrays: Mapping[str, Array], length: int, task: Task) -> None:
+    """Raises InvalidInputError, with the file's name, if the columns of `length` steps do not fit a task."""
+    expected: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {
+        f"{OBSERVATION}{name}": ((length + 1, *(box.shape or ())), np.dtype(box.dtype))
+        for name, box in named(task.observation_space).spaces.items()
+    }
+    actions = task.action_space
+    expected |= {"action": ((length, *(actions.shape or ())), np.dtype(actions.dtype))}
+    expected |= {"reward": ((length,), np.dtype(np.float32))}
+    if arrays.keys() != expected.keys():
+        raise InvalidInputError(f"{file}: expected the columns {sorted(expected)}, got {sorted(arrays)}")
+    for name, (shape, dtype) in expected.items():
+        array = arrays[name]
+        if (array.shape, array.dtype) != (shape, dtype):
+            raise InvalidInputError(
+                f"{file}: expected column '{name}' to be {dtype} {shape} for an episode of {length} steps of "
+                f"'{task.name}', got {array.dtype} {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise InvalidInputError(f"{file}: expected finite numbers in column '{name}', got others")
+    _check_bounds(f"{file}: column 'action'", arrays["action"], actions)
+
+
+def _check_bounds(column: str, chosen: Array, actions: Box | Discrete) -> None:
+    """Raises InvalidInputError if one of (T, ...) actions is out of bounds."""
+    if isinstance(actions, Discrete):
+        low, high, slack = np.array(0), np.array(int(actions.n) - 1), np.array(0.0)
+    else:
+        low, high = actions.low.astype(np.float64), actions.high.astype(np.float64)
+        slack = TOLERANCE * (high - low)
+    wrong = (chosen < low - slack) | (chosen > high + slack)
+    if wrong.any():
+        step = int(np.argwhere(wrong)[0, 0])
+        raise InvalidInputError(f"{column}: expected actions in {actions}, got {chosen[step].tolist()} in step {step}")
 
 
 def _observations(arrays: Mapping[str, Array]) -> dict[str, Array]:

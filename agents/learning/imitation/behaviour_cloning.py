@@ -217,7 +217,9 @@ def _clone(
     check_task(task)
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
-    learned, held_out = Demonstrations(config.data).split(config.held_out_share)
+    shown = Demonstrations(config.data)
+    shown.check(task)
+    learned, held_out = shown.split(config.held_out_share)
     policy = ImitatingPolicy(task, config.policy).to(run.device)
     environments = task.make_environments(task.judged_at_once, processes=task.alone)
 

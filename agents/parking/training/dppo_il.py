@@ -163,7 +163,11 @@ def make_learner(settings: ParkingConfig, collector: Collector, run: TaskRun) ->
 
 
 def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
-    """Transitions of the demonstrations in a run's folder; recorded on the last level where there are none."""
+    """Transitions of the demonstrations in a run's folder; recorded on the last level where there are none.
+
+    Raises:
+        InvalidInputError: Those in the folder do not fit the task.
+    """
     folder = folder / "demonstrations"
     if not (folder / INDEX).exists():
         wanted = settings.demonstrations
@@ -172,7 +176,9 @@ def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
             plain, folder, wanted.episodes, expert=_EXPERT, seed=wanted.seed,
             environments=16 * settings.karts, successes_only=True,
         )  # fmt: skip
-    return Demonstrations(folder).transitions()
+    shown = Demonstrations(folder)
+    shown.check(settings.task)
+    return shown.transitions()
 
 
 def _train(settings: ParkingConfig, request: TrainRequest) -> Path:

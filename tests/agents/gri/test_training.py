@@ -19,7 +19,7 @@ from dohyo.agents.learning.gymnasium.task import GYMNASIUM, GymnasiumConfig
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.killed import killed_and_resumed
-from tests.agents.learning.problems import Point
+from tests.agents.learning.problems import Lock, Point
 
 ENVS = {"sac": "Point-v0", "ddpg": "Point-v0", "iqn": "Dial-v0"}
 SMALL = ("device=cpu", "tensorboard=false", "steps=160", "evaluate_every=80", "checkpoint_every=40", "episodes=2")
@@ -119,3 +119,12 @@ def test_demonstrations_of_another_task_or_expert_are_refused(experts, tmp_path)
     index.write_text(index.read_text().replace('"point"', f'"{settings("sac")[-2].partition("=")[2]}"'))
     with pytest.raises(InvalidInputError, match="expected expert and number of demonstrations"):
         train()
+
+
+def test_demonstrations_of_other_spaces_are_refused_before_they_are_learned(experts, tmp_path):
+    folder, name = tmp_path / "shown", settings("sac")[-2].partition("=")[2]
+    record_demonstrations(DemonstratedTask(Lock()), folder, 2, expert="its own")
+    (folder / INDEX).write_text((folder / INDEX).read_text().replace('"lock"', f'"{name}"'))
+    config = read_settings(GriRunConfig, None, (*arguments("sac", experts), f"demonstrations={folder}"))
+    with pytest.raises(InvalidInputError, match=r"000000\.safetensors'"):
+        demonstrations_of(config, config.task, tmp_path)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
+from gymnasium.spaces import Discrete
+from safetensors.numpy import load_file, save_file
 
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR
 from dohyo.agents.learning.experience.demonstrations import INDEX, Demonstrations, record_demonstrations
 from dohyo.agents.learning.experience.replay import Replay, ReplayConfig
+from dohyo.agents.learning.files.card import digest
 from dohyo.agents.learning.tasks.task import named
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import LENGTH, STEP, Lock, LockEnv, Point
@@ -94,6 +101,83 @@ def test_an_expert_that_is_silent_gives_no_demonstrations(tmp_path):
     with pytest.raises(InvalidInputError, match="left out"):
         record_demonstrations(Point(reticent=True), tmp_path, 1, expert="silent on the right")
     assert not (tmp_path / INDEX).exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"observation.observation": None}, r"the columns .*, got \['action', 'reward'\]"),
+        ({"observation.more": np.zeros((LENGTH + 1, 2), np.float32)}, "got .*'observation.more'"),
+        ({"observation.observation": np.zeros((LENGTH, 2), np.float32)}, "'observation.observation'"),
+        ({"observation.observation": np.zeros((LENGTH + 1, 3), np.float32)}, "'observation.observation'"),
+        ({"observation.observation": np.zeros((LENGTH + 1, 2), np.int64)}, "float32 .*, got int64"),
+        ({"observation.observation": np.full((LENGTH + 1, 2), np.nan, np.float32)}, "finite .*'observation.observ"),
+        ({"action": np.zeros((LENGTH, 2), np.float32)}, "'action'"),
+        ({"action": np.zeros(LENGTH, np.float32)}, "'action'"),
+        ({"action": np.zeros((LENGTH - 1, 1), np.float32)}, f"'action' .* of {LENGTH} steps"),
+        ({"action": np.full((LENGTH, 1), np.inf, np.float32)}, "finite numbers in column 'action'"),
+        ({"action": np.full((LENGTH, 1), 1.01 * STEP, np.float32)}, "'action': expected actions in Box.* in step 0"),
+        ({"reward": np.zeros((LENGTH, 1), np.float32)}, "'reward'"),
+        ({"reward": np.full(LENGTH, np.nan, np.float32)}, "finite numbers in column 'reward'"),
+    ],
+)
+def test_columns_that_do_not_fit_the_task_are_refused_with_their_file(recorded, tmp_path, change, said):
+    shown = with_columns(recorded, tmp_path, change)
+    with pytest.raises(InvalidInputError, match=rf"000002\.safetensors'.*{said}"):
+        shown.check(Point())
+
+
+def test_recorded_episodes_fit_and_actions_may_be_a_thousandth_out_of_bounds(recorded, tmp_path):
+    Demonstrations(recorded).check(Point())
+    with_columns(recorded, tmp_path, {"action": np.full((LENGTH, 1), 1.0009 * STEP, np.float32)}).check(Point())
+
+
+def test_an_index_without_episodes_of_other_lengths_or_of_no_safetensors_is_refused(recorded, tmp_path):
+    shown = with_columns(recorded, tmp_path, {})
+    index = json.loads((tmp_path / INDEX).read_text())
+    index["episodes"][2]["length"] = 2
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    with pytest.raises(InvalidInputError, match=r"000002\.safetensors'.* of 2 steps"):
+        Demonstrations(tmp_path).check(Point())
+    path = tmp_path / index["episodes"][2]["file"]
+    path.write_bytes(b"nothing")
+    index["episodes"][2]["sha256"] = digest(path)
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    with pytest.raises(InvalidInputError, match=r"000002\.safetensors': expected safetensors"):
+        Demonstrations(tmp_path).check(Point())
+    (tmp_path / INDEX).write_text(json.dumps(index | {"episodes": []}))
+    with pytest.raises(InvalidInputError, match="at least one episode"):
+        Demonstrations(tmp_path).check(Point())
+    assert len(shown) == 5
+
+
+class _Choosing(Point):
+    action_space = Discrete(3)
+
+
+@pytest.mark.parametrize(("last", "fits"), [(2, True), (3, False), (-1, False)])
+def test_choices_are_those_of_the_task(recorded, tmp_path, last, fits):
+    shown = with_columns(recorded, tmp_path, {"action": np.array([0] * (LENGTH - 1) + [last])}, episodes=range(5))
+    if fits:
+        shown.check(_Choosing())
+        return
+    with pytest.raises(InvalidInputError, match=rf"in Discrete\(3\), got {last} in step {LENGTH - 1}"):
+        shown.check(_Choosing())
+
+
+def with_columns(
+    recorded: Path, folder: Path, change: dict[str, Any], episodes: Sequence[int] = (2,)
+) -> Demonstrations:
+    """A copy, of which some episodes have other columns; those that are None are left out."""
+    shutil.copytree(recorded, folder, dirs_exist_ok=True)
+    index = json.loads((folder / INDEX).read_text())
+    for entry in (index["episodes"][number] for number in episodes):
+        path = folder / entry["file"]
+        columns = {name: one for name, one in (load_file(path) | change).items() if one is not None}
+        save_file(columns, path)
+        entry["sha256"] = digest(path)
+    (folder / INDEX).write_text(json.dumps(index))
+    return Demonstrations(folder)
 
 
 class _CarelessEnv(LockEnv):

@@ -18,7 +18,7 @@ from dohyo.agents.learning.networks.policy import Actor, actor_for
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.killed import killed_and_resumed
-from tests.agents.learning.problems import BEST_RETURN, Point
+from tests.agents.learning.problems import BEST_RETURN, Lock, Point
 from tests.agents.learning.toys import CLONING, PointCloningConfig
 
 torch.set_num_threads(1)  # more are slower wherever the cores are busy
@@ -46,6 +46,14 @@ def test_a_policy_of_recorded_episodes_drives_as_the_expert(data: Path, tmp_path
 def test_a_killed_run_ends_bit_equal_to_one_that_was_not(data: Path, tmp_path: Path):
     settings = [f"data={data}", "steps=40", "evaluate_every=15", "checkpoint_s=1e-9"]
     killed_and_resumed("tests.agents.learning.toys:CLONING", settings, tmp_path)
+
+
+def test_demonstrations_of_other_spaces_are_refused(tmp_path: Path):
+    record_demonstrations(Lock(), tmp_path / "data", 2, expert="reads the dials")
+    with pytest.raises(InvalidInputError, match=r"000000\.safetensors': column 'action': expected actions in Box"):
+        CLONING.train(
+            PointCloningConfig(data=tmp_path / "data"), TrainRequest("cloning", tmp_path / "run", False, no_report)
+        )
 
 
 def actor(actions: Box | Discrete, squashed: bool = False):

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.agents.learning.experience.demonstrations import record_demonstrations
+from dohyo.agents.parking.training.dppo_il import ParkingConfig, demonstrated
 from dohyo.agents.parking.training.task import ParkingTask
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.killed import killed_and_resumed
+from tests.agents.learning.problems import Lock
 
 SMALL = (
     "environments=4", "lots=2", "steps=64", "evaluate_every=32", "checkpoint_every=16", "device=cpu",
@@ -45,3 +48,9 @@ def test_karts_of_a_lot_share_it_and_a_curriculum_ends_in_the_task_itself():
         task.make_environments(4, processes=False)
     with pytest.raises(InvalidInputError, match="processes = 0"):
         task.make_environments(3, processes=True)
+
+
+def test_demonstrations_of_other_spaces_are_refused(tmp_path):
+    record_demonstrations(Lock(), tmp_path / "demonstrations", 1, expert="reads the dials")
+    with pytest.raises(InvalidInputError, match=r"000000\.safetensors': expected column 'observation.observation'"):
+        demonstrated(ParkingConfig(scene="simple", reward="simple"), tmp_path)
