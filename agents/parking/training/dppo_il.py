@@ -78,9 +78,9 @@ class ParkingConfig(RunConfig):
         gradual: Whether the curriculum is used; checkpoints must then be three time limits apart.
         lots: Held-out lots of an evaluation.
         algorithm: What learns.
-        curiosity: Whether ICM rewards PPO or MA-POCA.
-        gail: Whether GAIL rewards PPO or MA-POCA.
-        bco: Whether PPO or MA-POCA begin by BCO.
+        curiosity: Whether ICM rewards PPO or MA-POCA; refused with SAC.
+        gail: Whether GAIL rewards PPO or MA-POCA; refused with SAC.
+        bco: Whether PPO or MA-POCA begin by BCO; refused with SAC.
         ppo: Settings of PPO and MA-POCA.
         sac: Settings of SAC.
         icm: Settings of the curiosity.
@@ -121,6 +121,16 @@ class ParkingConfig(RunConfig):
     def task(self) -> ParkingTask:
         """What is learned."""
         return ParkingTask(self.scene, self.reward, self.progress, self.karts, self.gradual, self.lots)
+
+
+def _check_parts(settings: ParkingConfig) -> None:
+    """Parts of DPPO-IL are parts of PPO and MA-POCA; SAC would leave them out."""
+    parts = [name for name in ("bco", "gail", "curiosity") if getattr(settings, name)]
+    if settings.algorithm == "sac" and parts:
+        said = ", ".join(f"{name} = true" for name in parts)
+        raise InvalidInputError(
+            f"expected bco, gail and curiosity = false with SAC, which has no such parts, got {said}"
+        )
 
 
 def _check_cuts(settings: ParkingConfig) -> None:
@@ -182,6 +192,7 @@ def demonstrated(settings: ParkingConfig, folder: Path) -> TensorDict:
 
 
 def _train(settings: ParkingConfig, request: TrainRequest) -> Path:
+    _check_parts(settings)
     return train_task(lambda collector, run: make_learner(settings, collector, run), settings.task, settings, request)
 
 

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from dohyo.agents.learning.experience.demonstrations import record_demonstrations
-from dohyo.agents.parking.training.dppo_il import ParkingConfig, demonstrated
+from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.learning.runs.trainer import TrainRequest
+from dohyo.agents.parking.training.dppo_il import PARKING, ParkingConfig, demonstrated
 from dohyo.agents.parking.training.task import ParkingTask
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.killed import killed_and_resumed
@@ -16,12 +19,13 @@ from tests.agents.learning.problems import Lock
 
 SMALL = (
     "environments=4", "lots=2", "steps=64", "evaluate_every=32", "checkpoint_every=16", "device=cpu",
-    "tensorboard=false", "scene=simple", "reward=simple", "curiosity=true", "ppo.horizon=4", "ppo.hidden=[8]",
+    "tensorboard=false", "scene=simple", "reward=simple", "ppo.horizon=4", "ppo.hidden=[8]",
     "ppo.batch=8", "sac.round_steps=4", "sac.hidden=[8]", "sac.batch=8", "sac.learning_starts=8",
     "sac.updates_per_step=1", "sac.replay.capacity=40",
 )  # fmt: skip
 IMITATING = (
-    "bco=true", "gail=true", "demonstrations.episodes=2", "cloning.inverse.epochs=1", "cloning.passes=1",
+    "curiosity=true", "bco=true", "gail=true", "demonstrations.episodes=2",
+    "cloning.inverse.epochs=1", "cloning.passes=1",
 )  # fmt: skip
 
 
@@ -34,10 +38,23 @@ def test_dppo_il_that_is_killed_ends_bit_equal_to_one_that_is_not(tmp_path):
     assert {"gail_reward", "icm_reward"} <= columns(whole)
 
 
-@pytest.mark.parametrize("algorithm", ["poca", "sac"])
-def test_so_do_other_algorithms_on_the_same_task(tmp_path, algorithm):
-    whole = killed_and_resumed("parking", [*SMALL, f"algorithm={algorithm}", "karts=2"], tmp_path)
-    assert {"poca": "icm_reward", "sac": "loss_critic"}[algorithm] in columns(whole)
+@pytest.mark.parametrize(
+    ("algorithm", "more", "column"), [("poca", ("curiosity=true",), "icm_reward"), ("sac", (), "loss_critic")]
+)
+def test_so_do_other_algorithms_on_the_same_task(tmp_path, algorithm, more, column):
+    whole = killed_and_resumed("parking", [*SMALL, f"algorithm={algorithm}", "karts=2", *more], tmp_path)
+    assert column in columns(whole)
+
+
+@pytest.mark.parametrize(
+    ("parts", "got"),
+    [(("gail=true",), "gail = true"), (("curiosity=true", "bco=true"), "bco = true, curiosity = true")],
+)
+def test_parts_of_dppo_il_are_refused_with_sac_and_leave_no_run(tmp_path, parts, got):
+    settings = read_settings(ParkingConfig, None, [*SMALL, "algorithm=sac", *parts])
+    with pytest.raises(InvalidInputError, match=f"= false with SAC, which has no such parts, got {got}$"):
+        PARKING.train(settings, TrainRequest("parking", tmp_path / "run", False, no_report))
+    assert not (tmp_path / "run").exists()
 
 
 def test_karts_of_a_lot_share_it_and_a_curriculum_ends_in_the_task_itself():
