@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.networks.connectivity import junctions_of_edges
 from dohyo.sumo_networks.networks.lights import LONGEST_PHASE_S, crossings_at, lights_at_bends, longest_phases
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.networks.overpasses import find_overpasses
@@ -36,6 +37,7 @@ class FaultKind(StrEnum):
     LONG_PHASE = "endless light"
     LIMIT = "implausible limit"
     OVERPASS = "roads that cross without a junction"
+    NO_LANES = "junction without lanes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,9 @@ MEANINGS: Mapping[FaultKind, FaultMeaning] = MappingProxyType(
         FaultKind.LIGHT_AT_BEND: FaultMeaning("crossings", "import with --fix: removes it where nobody crosses"),
         FaultKind.LONG_PHASE: FaultMeaning("s, longest phase", "import with --fix: gives the light a usual program"),
         FaultKind.LIMIT: FaultMeaning("km/h", "import with --fix: sets the usual limit of the network"),
+        FaultKind.NO_LANES: FaultMeaning(
+            "ways through it", "run netconvert -s FILE --no-internal-links false -o NEW, and import NEW"
+        ),
         FaultKind.OVERPASS: FaultMeaning(
             "degrees between them", "no drawn mission passes here: even on a bridge, cars of one road are on the other"
         ),
@@ -73,8 +78,8 @@ class Fault:
 
     Attributes:
         kind: Kind of the fault.
-        name: SUMO id of the lane, of the edge (limits) or of the traffic light; those of both edges, or of the
-            junction, where roads cross without one.
+        name: SUMO id of the lane, of the edge (limits), of the traffic light or of the junction; where roads cross
+            without one, those of both edges.
         value: Measured value, in the unit of its kind.
         x_m: Place in the network frame, m.
         y_m: Place in the network frame, m.
@@ -94,7 +99,7 @@ class Fault:
 
 def find_faults(network: RoadNetwork) -> tuple[Fault, ...]:
     """All faults of a network; those of its geometry inside junctions too."""
-    return (*_lights(network), *_limits(network), *_geometry(network), *_overpasses(network))
+    return (*_lights(network), *_limits(network), *_geometry(network), *_overpasses(network), *_junctions(network))
 
 
 def usual_limit(network: RoadNetwork) -> float:
@@ -158,6 +163,18 @@ def _overpasses(network: RoadNetwork) -> Iterator[Fault]:
         if all(np.hypot(*(point - place)) > OVERPASS_SIZE_M for place in places.setdefault(names, [])):
             places[names].append(point)
             yield _fault(FaultKind.OVERPASS, names, round(float(np.degrees(angle))), point)
+
+
+def _junctions(network: RoadNetwork) -> Iterator[Fault]:
+    """Junctions that cars cross without a lane, and so outside all lanes."""
+    lanes, connections = network.lanes, network.connections
+    road = lanes.drivable & ~lanes.internal
+    bare = connections.source[road[connections.source] & road[connections.target]]
+    junctions = junctions_of_edges(network)[lanes.edge[bare], 1]
+    for junction in np.unique(junctions[junctions >= 0]).tolist():
+        sources = bare[junctions == junction]
+        place = lanes.points[lanes.start[sources + 1] - 1].mean(axis=0)
+        yield _fault(FaultKind.NO_LANES, str(network.junctions.ids[junction]), len(sources), place)
 
 
 def _road_name(network: RoadNetwork, lane: int) -> str:

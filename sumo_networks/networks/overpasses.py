@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import xml.parsers.expat
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,6 +9,7 @@ import numpy as np
 import shapely
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.networks.connectivity import junctions_of_edges
 from dohyo.sumo_networks.networks.network import RoadNetwork
 
 MIN_ANGLE = np.radians(10.0)
@@ -42,7 +41,7 @@ def find_overpasses(network: RoadNetwork) -> Overpasses:
     """
     lane, begin, step = _segments(network)
     one, other = _crossing_pairs(begin, step)
-    junctions = _junctions_of_edges(network)[network.lanes.edge[lane]]
+    junctions = junctions_of_edges(network)[network.lanes.edge[lane]]
     apart = network.lanes.edge[lane[one]] != network.lanes.edge[lane[other]]
     apart &= (np.sort(junctions[one], axis=1) != np.sort(junctions[other], axis=1)).any(axis=1)
     one, other = one[apart], other[apart]
@@ -88,24 +87,3 @@ def _at_common_junction(network: RoadNetwork, points: FloatArray, one: IntArray,
             away = shapely.distance(shapely.points(points[rows]), hulls[one[rows, a]])
             near[rows] |= ~(away > JUNCTION_REACH_M)  # one without an outline has no distance
     return near
-
-
-def _junctions_of_edges(network: RoadNetwork) -> IntArray:
-    """(E, 2) junctions where each edge begins and ends, as the net says; -1 where it says none."""
-    row = {str(name): i for i, name in enumerate(network.junctions.ids)}
-    edges = {str(name): i for i, name in enumerate(network.lanes.edge_ids)}
-    found = np.full((len(edges), 2), -1, dtype=np.int64)
-
-    def element(tag: str, attributes: dict[str, str]) -> None:
-        edge = edges.get(attributes.get("id", "")) if tag == "edge" else None
-        if edge is not None:
-            inside = attributes["id"].startswith(":")
-            at = attributes["id"][1:].rpartition("_")[0] if inside else ""
-            ends = (at, at) if inside else (attributes.get("from", ""), attributes.get("to", ""))
-            found[edge] = [row.get(end, -1) for end in ends]
-
-    parser = xml.parsers.expat.ParserCreate()
-    parser.StartElementHandler = element
-    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
-        parser.ParseFile(file)
-    return found

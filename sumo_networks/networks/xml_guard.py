@@ -48,6 +48,7 @@ class Census:
         crossings: Number of pedestrian crossings.
         lights: Number of traffic lights.
         place: Latitude and longitude [degrees] of the middle of an OSM extract; None: it has no place.
+        inside: Number of edges inside the junctions of a net.
         left_hand: Whether a net or an OpenDRIVE file says that traffic drives on the left.
     """
 
@@ -56,6 +57,7 @@ class Census:
     crossings: int
     lights: int
     place: tuple[float, float] | None = None
+    inside: int = 0
     left_hand: bool = False
 
 
@@ -117,7 +119,7 @@ class _Scanner:
     def __init__(self, file: Path, root: str) -> None:
         self.file, self.root = file, root
         self.elements: Counter[str] = Counter()
-        self.sidewalks = self.crossings = 0
+        self.sidewalks = self.crossings = self.inside = 0
         self.places: list[tuple[float, float]] = []
         self.left_hand = False
         self.parser = xml.parsers.expat.ParserCreate()
@@ -136,7 +138,7 @@ class _Scanner:
             latitudes, longitudes = zip(*self.places, strict=True)
             place = median(latitudes), median(longitudes)
         lights = self.elements["tlLogic"]
-        return Census(self.elements, self.sidewalks, self.crossings, lights, place, self.left_hand)
+        return Census(self.elements, self.sidewalks, self.crossings, lights, place, self.inside, self.left_hand)
 
     def _doctype(self, *_: object) -> NoReturn:
         raise InvalidInputError(f"'{self.file}' has a DOCTYPE; road files need none, and entities are not read")
@@ -148,6 +150,7 @@ class _Scanner:
         self.elements[tag] += 1
         self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
         self.crossings += tag == "edge" and attributes.get("function") == "crossing"
+        self.inside += tag == "edge" and attributes.get("function") == "internal"
         self.left_hand |= tag == "net" and attributes.get("lefthand", "").lower() in _TRUE
         self.left_hand |= tag == "road" and attributes.get("rule") == "LHT"
         if tag == "node" and self.root == "osm" and self.elements["node"] % _EVERY_NODE == 1:

@@ -29,7 +29,7 @@ _TYPE_MAPS: dict[Kind, tuple[str, ...]] = {
     "xodr": ("opendriveNetconvert", "opendriveNetconvertPedestrians"),
 }
 _OPTIONS: dict[Kind, tuple[str, ...]] = {
-    "net": (),
+    "net": ("--no-internal-links", "false"),  # otherwise a net without lanes inside its junctions gets none
     "osm": (
         *("--proj.utm", "--geometry.remove", "--roundabouts.guess", "--ramps.guess", "--junctions.join"),
         *("--tls.guess-signals", DROP_SIMPLE_LIGHTS, JOIN_LIGHTS, DROP_ISOLATED),

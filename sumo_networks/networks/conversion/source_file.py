@@ -138,6 +138,8 @@ class SourceFile:
             ("crossings", int(lanes.crossing.sum()) - before.crossings),
             ("traffic lights", len(network.signals.light_ids) - before.lights),
         )
+        if self.kind == "net" and not before.inside:
+            counts = (*counts, ("lanes inside junctions", int((lanes.internal & lanes.drivable).sum())))
         how = "added" if self.kind == "net" else "read or guessed"
         kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
         return (

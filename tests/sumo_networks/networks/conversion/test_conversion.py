@@ -16,6 +16,7 @@ from dohyo.sumo_networks.networks.drawing import draw_map
 from dohyo.sumo_networks.networks.entries import network_entry, network_path
 from dohyo.sumo_networks.networks.faults import FaultKind
 from dohyo.sumo_networks.networks.importing import import_network
+from dohyo.sumo_networks.networks.inspection import inspect_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from tests.extracts import BLACKPOOL, crossroads, roundabout
 from tests.sumo_networks.networks.test_importing import TOWN, dohyo, given, netconvert
@@ -128,6 +129,21 @@ def test_an_endless_light_gets_a_usual_program_and_the_others_keep_theirs(tmp_pa
     phases = re.compile(r'duration="([\d.]+)"')
     now = dict(programs(gzip.decompress(network_path("after").read_bytes()).decode()))
     assert phases.findall(now[second]) == phases.findall(kept)
+
+
+# Lanes inside junctions
+
+
+def test_a_net_without_lanes_inside_its_junctions_gets_them_and_says_so(tmp_path: Path) -> None:
+    bare = tmp_path / "bare.net.xml"
+    netconvert("-s", str(TOWN), "-o", str(bare), "--no-internal-links", "true")
+    faults = [one for one in inspect_network(load_network(str(bare))).faults if one.kind is FaultKind.NO_LANES]
+    assert {fault.name for fault in faults} == set(load_network("town-test").junctions.ids)
+    report = import_network(bare, "whole").report
+    assert not [fault for fault in report.faults if fault.kind is FaultKind.NO_LANES]
+    (line,) = [line for line in report.guessed if "lanes inside junctions added" in line]
+    lanes = load_network("whole").lanes
+    assert line.startswith(f"{int((lanes.internal & lanes.drivable).sum())} ")
 
 
 def programs(net: str) -> list[tuple[str, str]]:
