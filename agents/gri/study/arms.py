@@ -57,7 +57,7 @@ _LONG: Final = ("steps=200000", "evaluate_every=20000", "checkpoint_every=20000"
 
 def _mujoco(env: str) -> Problem:
     """A task of MuJoCo at 100,000 steps, with an expert of 200,000; learning rate, widths and batch as is common."""
-    return Problem(env, _FULL, ("replay.capacity=200000", "learning_starts=5000"), _LONG)
+    return Problem(env, _FULL, ("replay.capacity=200000", "learning_starts=5000"), _LONG, trainings=_MANY)
 
 
 PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
