@@ -26,6 +26,7 @@ from dohyo.agents.hierarchical.environments.mission_env import HELD_OUT, Mission
 from dohyo.agents.hierarchical.environments.rewards import Form
 from dohyo.agents.hierarchical.hierarchy import read_sub_policies
 from dohyo.agents.hierarchical.master import Master, MasterView, master_of, parts
+from dohyo.agents.hierarchical.options.actuation import ACTIONS
 from dohyo.agents.hierarchical.options.executor import OptionExecutor, OptionLimits, OptionView
 from dohyo.agents.hierarchical.options.rollout import OptionRollout
 from dohyo.agents.hierarchical.state.master_observation import OPTIONS
@@ -37,7 +38,7 @@ from dohyo.agents.hierarchical.training.option_losses import (
     smdp_target,
     termination_loss,
 )
-from dohyo.agents.learning.experience.behaviour import PolicyBehaviour
+from dohyo.agents.learning.experience.behaviour import Act, PolicyBehaviour
 from dohyo.agents.learning.experience.collector import Collector, Finished
 from dohyo.agents.learning.files.checkpoint import generator_of, generator_state
 from dohyo.agents.learning.files.metrics import Number
@@ -47,7 +48,7 @@ from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import train_task
 from dohyo.agents.learning.tasks.task import SINGLE, Array
-from dohyo.sumo_networks.arrays import BoolArray, Float32Array
+from dohyo.sumo_networks.arrays import BoolArray, Float32Array, IntArray
 from dohyo.sumo_networks.config import Config
 
 Rate = Annotated[float, Field(ge=0)]
@@ -131,12 +132,29 @@ class _Ticks:
 
 
 class _Choice(NamedTuple):
-    """What was chosen in all environments for one tick, and the durations of the options that had ended before it."""
+    """What was chosen in the rows that act in one tick, and the durations of the options that had ended before it."""
 
+    rows: list[int]
     told: list[MasterView]
     options: list[int]
     units: list[Tensor]
     ended: list[int]
+
+
+class _Acting(PolicyBehaviour):
+    """The policy drives.
+
+    Attributes:
+        rows: (N,) rows whose episode has begun and not ended; others sit out.
+    """
+
+    def __init__(self, policy: Act, count: int) -> None:
+        super().__init__(policy)
+        self.rows: BoolArray = np.zeros(count, np.bool_)
+
+    def begin(self, rows: BoolArray, episodes: IntArray) -> None:
+        """See `Behaviour`."""
+        self.rows |= rows
 
 
 class OptionCritic:
@@ -170,8 +188,8 @@ class OptionCritic:
         self._target = copy.deepcopy(master.values).to(device)
         self._running = [OptionRollout(OptionExecutor(config.tempo)) for _ in range(len(collector))]
         self._judged: list[OptionExecutor] = []
-        self._behaviour = PolicyBehaviour(self._choose)
-        self._now = _Choice([], [], [], [])
+        self._behaviour = _Acting(self._choose, len(collector))
+        self._now = _Choice([], [], [], [], [])
         self._replay = OptionReplay(config.replay)
         self._rng = np.random.default_rng([_CHOICES, seed])
         self._optimizers = {
@@ -207,52 +225,60 @@ class OptionCritic:
     def round(self) -> dict[str, Number]:
         """Drives `horizon` ticks in all environments, and learns from them; row of metrics.csv."""
         self._epsilon = epsilon = self._config.epsilon_at(self._collector.steps)
-        ticks, ended, critical = _Ticks(), list[int](), 0
+        ticks, ended, driven, critical = _Ticks(), list[int](), 0, 0
         for _ in self._collector.round(self._config.horizon):
-            critical += self._tick(ticks, ended)
+            acted, ruled = self._tick(ticks, ended)
+            driven, critical = driven + acted, critical + ruled
         finished: list[Finished] = self._collector.finished()
         row = self._learn_values() | self._learn_ticks(ticks)
-        driven = self._config.horizon * len(self._collector)
+        driven = max(driven, 1)
         row |= {f"share_{name}": ticks.options.count(i) / driven for i, name in enumerate(OPTIONS)}
         row |= {"critical_share": critical / driven, "option_ticks": _mean(ended), "epsilon": epsilon}
         row |= {"return": _mean([one.total for one in finished]), "length": _mean([one.length for one in finished])}
         row |= {"success": _mean([100.0 * one.success for one in finished]), "updates": self.updates}
         return row | {"episodes": self._collector.finished_count, "replay": len(self._replay)}
 
-    def _tick(self, ticks: _Ticks, ended: list[int]) -> int:
-        """One tick in all environments; number of those in which the rules drove."""
+    def _tick(self, ticks: _Ticks, ended: list[int]) -> tuple[int, int]:
+        """One tick in all rows that act; their number, and that of those in which the rules drove."""
         step = self._collector.step(self._behaviour)
-        told, options, units, over = self._now
-        ended += over
-        afters = step["next", "observation", SINGLE].numpy()
+        ended += self._now.ended
+        afters, active = step["next", "observation", SINGLE].numpy(), step["active"].tolist()
         rewards, terminated, done = (step["next", name][:, 0].tolist() for name in ("reward", "terminated", "done"))
-        for i, one in enumerate(told):
-            reward = rewards[i] * (1.0 - self._config.gamma)
+        acted = ruled = 0
+        for i, one, option, unit in zip(*self._now[:4], strict=True):
             running, after = self._running[i], MasterView(afters[i], self.actor.size)
+            self._behaviour.rows[i] = not done[i]
+            if not active[i]:  # its simulation is lost, and with it the outcome of its option
+                _forget(running)
+                continue
+            acted += 1
+            ruled += one.critical
+            reward = rewards[i] * (1.0 - self._config.gamma)
             running.add(None if one.critical else one.state, reward)
             if done[i]:
                 self._keep(running, after, terminated[i], ended)
             if not one.critical:
                 ticks.before.append(one.state)
                 ticks.after.append(after.state)
-                ticks.units.append(units[i])
-                ticks.options.append(options[i])
+                ticks.units.append(unit)
+                ticks.options.append(option)
                 ticks.rewards.append(reward)
                 ticks.terminated.append(terminated[i])
                 ticks.available.append(after.available)
-        return sum(one.critical for one in told)
+        return acted, ruled
 
     def _choose(self, observation: TensorDict) -> TensorDict:
-        """Options and actions of all environments; kept for `_tick`."""
-        told = [MasterView(vector, self.actor.size) for vector in observation[SINGLE].numpy()]
-        values, ended = self._values(np.stack([one.state for one in told])), list[int]()
-        options = [self._next(i, one, values, self._epsilon, ended) for i, one in enumerate(told)]
+        """Options and actions of the rows that act, kept for `_tick`; zeros for those that sit out."""
+        rows, ended = np.flatnonzero(self._behaviour.rows).tolist(), list[int]()
+        views = [MasterView(vector, self.actor.size) for vector in observation[SINGLE].numpy()]
+        values, told = self._values(np.stack([one.state for one in views])), [views[i] for i in rows]
+        options = [self._next(i, views[i], values, self._epsilon, ended) for i in rows]
         units = [self._explored(option, one.state) for option, one in zip(options, told, strict=True)]
-        actions = [
-            [*unit.clamp(-1.0, 1.0).tolist(), float(option)] for option, unit in zip(options, units, strict=True)
-        ]
-        self._now = _Choice(told, options, units, ended)
-        return TensorDict({"action": torch.tensor(actions, dtype=torch.float32)}, observation.batch_size)
+        actions = torch.zeros(len(views), ACTIONS + 1)
+        for i, option, unit in zip(rows, options, units, strict=True):
+            actions[i] = torch.tensor([*unit.clamp(-1.0, 1.0).tolist(), float(option)])
+        self._now = _Choice(rows, told, options, units, ended)
+        return TensorDict({"action": actions}, observation.batch_size)
 
     def _next(
         self, i: int, told: MasterView, values: tuple[Float32Array, Float32Array], epsilon: float, ended: list[int]
@@ -285,8 +311,7 @@ class OptionCritic:
             }
             self._replay.add(TensorDict(rows, [count]))
         ended.append(executor.ticks)
-        executor.reset()
-        running.clear()
+        _forget(running)
 
     def _explored(self, option: int, state: Float32Array) -> Tensor:
         """(2,) action of an option's policy: sampled if the option learns, else its mean."""
@@ -412,6 +437,12 @@ def train_master(config: MasterConfig, request: TrainRequest) -> Path:
         return OptionCritic(master, collector, config.option_critic, config.seed, run.device)
 
     return train_task(learner, task, config, request)
+
+
+def _forget(running: OptionRollout) -> None:
+    """Ends the running option and drops its ticks."""
+    running.executor.reset()
+    running.clear()
 
 
 def _mean(values: list[float] | list[int]) -> float | None:

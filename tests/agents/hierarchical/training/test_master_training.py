@@ -21,6 +21,7 @@ from dohyo.agents.hierarchical.training.master_training import OptionCritic, Opt
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.networks.policy import Actor
 from dohyo.agents.learning.tasks.task import SINGLE, Task, held_out_seeds
+from dohyo.sumo_networks.errors import SimulationError
 
 PLACES, GAMMA = 4, 0.9
 LEFT, RIGHT, LIGHTS = (OPTIONS.index(one) for one in (Manoeuvre.LEFT, Manoeuvre.RIGHT, Manoeuvre.LIGHTS))
@@ -52,18 +53,22 @@ class Chain(gymnasium.Env):
 
     Attributes:
         ruled: Place at which the rules drive, to the left; -1: none.
+        fragile: Ticks after which the simulation fails in episodes that begin on the left; 0: never.
     """
 
     observation_space = Box(-np.inf, np.inf, (PLACES + len(OPTIONS) + FLAGS,), np.float32)
 
-    def __init__(self, ruled: int = -1) -> None:
-        self.ruled = ruled
+    def __init__(self, ruled: int = -1, fragile: int = 0) -> None:
+        self.ruled, self.fragile = ruled, fragile
 
     def reset(self, *, seed=None, options=None):
         self.place, self.ticks = int(np.random.default_rng(seed).integers(PLACES - 1)), 0
+        self.fails = self.place == 0 and self.fragile > 0
         return self._seen(), {}
 
     def step(self, action):
+        if self.fails and self.ticks == self.fragile:
+            raise SimulationError("the chain is torn")
         option = LEFT if self.place == self.ruled else round(float(action[2]))
         self.place = min(max(self.place + (option == RIGHT) - (option == LEFT), 0), PLACES - 1)
         self.ticks += 1
@@ -83,6 +88,7 @@ class Chain(gymnasium.Env):
 @dataclass(frozen=True)
 class ChainTask(Task):
     ruled: int = -1
+    fragile: int = 0
 
     name = "chain"
     observation_space = Chain.observation_space
@@ -93,16 +99,17 @@ class ChainTask(Task):
         return held_out_seeds(3)
 
     def make_env(self, rank):
-        return Chain(self.ruled)
+        return Chain(self.ruled, self.fragile)
 
 
-def learner(ruled: int = -1, count: int = 2, config: OptionCriticConfig = CONFIG) -> tuple[OptionCritic, Collector]:
+def learner(
+    task: ChainTask = ChainTask(), count: int = 2, config: OptionCriticConfig = CONFIG, begin_after: int = 0
+) -> tuple[OptionCritic, Collector]:
     torch.manual_seed(0)
-    task = ChainTask(ruled)
     actors = {name: Actor(PLACES, -torch.ones(2), torch.ones(2), (4,)) for name in OPTIONS}
     rows = {name: torch.arange(PLACES) for name in OPTIONS}
     master = Master(PLACES, config.hidden, actors, rows, MasterSpec(tempo=config.tempo))
-    collector = Collector(task.make_environments(count, processes=False), task, seed=0)
+    collector = Collector(task.make_environments(count, processes=False), task, 0, begin_after)
     return OptionCritic(master, collector, config, 0, torch.device("cpu")), collector
 
 
@@ -166,7 +173,7 @@ def _noted(step, taken):
 
 def test_what_the_rules_do_counts_to_the_option_that_led_there():
     # The rules lead back from place 1, so the goal is only reached from place 2.
-    found, _ = learner(ruled=1)
+    found, _ = learner(ChainTask(ruled=1))
     found.begin()
     for _ in range(20):
         row = found.round()
@@ -201,6 +208,60 @@ def test_it_goes_on_from_its_state_to_the_bit():
     other.restore(kept)
     torch.set_rng_state(random)
     assert [other.round() for _ in range(3)] == expected
+
+
+def test_rows_that_sit_out_choose_nothing_and_learn_nothing(monkeypatch):
+    """Before its first episode a row sees zeros, where no option may begin."""
+    found, collector = learner(begin_after=3)
+    steps, learned = list[TensorDict](), list[TensorDict]()
+    step, add = collector.step, found._replay.add
+    monkeypatch.setattr(collector, "step", lambda behaviour: _kept(step(behaviour), steps))
+    monkeypatch.setattr(found._replay, "add", lambda rows: add(_kept(rows, learned)))
+    found.begin()
+    for _ in range(3):
+        row = found.round()
+        assert sum(row[f"share_{option}"] for option in OPTIONS) == pytest.approx(1.0)
+    active, action = (torch.stack([one[name] for one in steps]) for name in ("active", "action"))
+    assert 0.2 < active.float().mean() < 0.9
+    assert (action[~active] == 0.0).all()
+    assert (torch.cat(learned)["state"].sum(dim=1) == 1.0).all()
+    assert max(rows["ticks"].max() for rows in learned) <= CONFIG.tempo.most_ticks
+
+
+def _kept(one, notes):
+    notes.append(one.clone())
+    return one
+
+
+def test_it_learns_the_way_also_where_rows_sit_out():
+    found, _ = learner(begin_after=2)
+    found.begin()
+    for _ in range(40):
+        found.round()
+    assert values(found)[:3, RIGHT] == pytest.approx([GAMMA**2, GAMMA, 1.0], abs=0.15)
+
+
+def test_nothing_is_learned_of_an_option_whose_simulation_is_lost(monkeypatch):
+    found, collector = learner(ChainTask(fragile=1))
+    step, keep, lost = collector.step, found._keep, set[int]()
+
+    def stepped(behaviour):
+        taken = step(behaviour)
+        lost.clear()
+        lost.update(torch.nonzero(~taken["active"]).flatten().tolist())
+        return taken
+
+    def kept(running, *given):
+        assert not any(found._running[row] is running for row in lost)
+        keep(running, *given)
+
+    monkeypatch.setattr(collector, "step", stepped)
+    monkeypatch.setattr(found, "_keep", kept)
+    found.begin()
+    row = found.round()
+    assert collector.lost_count > 3
+    assert row["replay"] > 10
+    assert sum(row[f"share_{option}"] for option in OPTIONS) == pytest.approx(1.0)
 
 
 def test_epsilon_falls_and_stays():
