@@ -108,12 +108,12 @@ def prepare_network(
         made = source.convert(Path(work) / f"{name}.net.xml")
         _pack(made.path, packed)
         progress("trying the roads")
-        network = _checked(packed, name, file)
+        network = _checked(packed, name, file, converted=made.warnings is not None)
         repair = plan_repair(network, largest=options.largest_part, fix=options.fix)
         if repair.needed:
             progress("repairing it")
             _pack(repair.carry_out(made.path, Path(work) / "repaired.net.xml", file, options.timeout_s), packed)
-            network = _checked(packed, name, file)
+            network = _checked(packed, name, file, converted=True)
     guessed = (*made.decided, *repair.decided, *source.counted(network, made.warnings))
     entry = _entry(source, packed.name, guessed, network_size(network))
     (folder / ENTRY).write_text(entry, encoding="utf-8")
@@ -199,8 +199,15 @@ def _pack(net: Path, packed: Path) -> None:
     packed.write_bytes(gzip.compress(without_comments(net.read_bytes()), mtime=0))
 
 
-def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
-    """Reads the net, and checks that dohyo and SUMO can both open it."""
+def _checked(net: Path, name: str, file: Path, converted: bool) -> RoadNetwork:
+    """Reads the net, and checks that dohyo and SUMO can both open it.
+
+    Args:
+        net: The net.
+        name: Name of the new network.
+        file: Path that the user gave, for error messages.
+        converted: Whether netconvert has made the net; otherwise it is the file as it is.
+    """
     try:
         network = read_network(net, name)
     except InvalidInputError as error:
@@ -211,7 +218,10 @@ def _checked(net: Path, name: str, file: Path) -> RoadNetwork:
         raise InvalidInputError(f"'{file}': no road leads to another for passenger cars, so there is nothing to drive")
     done = run_program("sumo", ["-n", str(net), "--end", "1", "--no-step-log", "--xml-validation.net", "never"], 120.0)
     if done.returncode:
-        raise InvalidInputError(f"'{file}': SUMO cannot open its net: {(done.stderr.splitlines() or [''])[0]}")
+        errors = [line.removeprefix("Error: ") for line in done.stderr.splitlines() if line.startswith("Error: ")]
+        what = "the net that netconvert made of it" if converted else "it"
+        why = errors[0] if errors else f"it ended with {done.returncode}"
+        raise InvalidInputError(f"'{file}': SUMO cannot open {what}: {why}")
     return network
 
 

@@ -49,6 +49,7 @@ class Census:
         lights: Number of traffic lights.
         place: Latitude and longitude [degrees] of the middle of an OSM extract; None: it has no place.
         inside: Number of edges inside the junctions of a net.
+        nema: Number of NEMA signal programs.
         left_hand: Whether a net or an OpenDRIVE file says that traffic drives on the left.
     """
 
@@ -58,6 +59,7 @@ class Census:
     lights: int
     place: tuple[float, float] | None = None
     inside: int = 0
+    nema: int = 0
     left_hand: bool = False
 
 
@@ -119,7 +121,7 @@ class _Scanner:
     def __init__(self, file: Path, root: str) -> None:
         self.file, self.root = file, root
         self.elements: Counter[str] = Counter()
-        self.sidewalks = self.crossings = self.inside = 0
+        self.sidewalks = self.crossings = self.inside = self.nema = 0
         self.places: list[tuple[float, float]] = []
         self.left_hand = False
         self.parser = xml.parsers.expat.ParserCreate()
@@ -138,7 +140,9 @@ class _Scanner:
             latitudes, longitudes = zip(*self.places, strict=True)
             place = median(latitudes), median(longitudes)
         lights = self.elements["tlLogic"]
-        return Census(self.elements, self.sidewalks, self.crossings, lights, place, self.inside, self.left_hand)
+        return Census(
+            self.elements, self.sidewalks, self.crossings, lights, place, self.inside, self.nema, self.left_hand
+        )
 
     def _doctype(self, *_: object) -> NoReturn:
         raise InvalidInputError(f"'{self.file}' has a DOCTYPE; road files need none, and entities are not read")
@@ -151,6 +155,7 @@ class _Scanner:
         self.sidewalks += tag == "lane" and attributes.get("allow") == "pedestrian"
         self.crossings += tag == "edge" and attributes.get("function") == "crossing"
         self.inside += tag == "edge" and attributes.get("function") == "internal"
+        self.nema += tag == "tlLogic" and attributes.get("type") == "NEMA"
         self.left_hand |= tag == "net" and attributes.get("lefthand", "").lower() in _TRUE
         self.left_hand |= tag == "road" and attributes.get("rule") == "LHT"
         if tag == "node" and self.root == "osm" and self.elements["node"] % _EVERY_NODE == 1:

@@ -37,8 +37,9 @@ _OPTIONS: dict[Kind, tuple[str, ...]] = {
     ),
     "xodr": ("--opendrive.curve-resolution", "1", "--geometry.min-dist", "0.2"),
 }
+_GUESS_CROSSINGS = "--crossings.guess"
 _GUESSES = (
-    *("--sidewalks.guess", "--crossings.guess", "--default.sidewalk-width", "2", "--default.crossing-width", "4"),
+    *("--sidewalks.guess", "--default.sidewalk-width", "2", "--default.crossing-width", "4"),
     *("--no-turnarounds.except-deadend", "--tls.default-type", "static"),
 )
 _IN_TOWN = (
@@ -56,6 +57,7 @@ class Conversion:
         source: Plain XML to read.
         file: Path that the user gave, for error messages.
         lights: Whether to guess traffic lights at large junctions too.
+        crossings: Whether to guess crossings.
         drop_lights: Whether to leave out the lights of an OpenDRIVE file at places where no two roads meet.
         left_hand: Whether traffic drives on the left.
         country: Country whose speed limits hold where a road has none; None: the limits of the type maps.
@@ -66,6 +68,7 @@ class Conversion:
     source: Path
     file: Path
     lights: bool
+    crossings: bool
     drop_lights: bool
     left_hand: bool
     country: Country | None
@@ -158,6 +161,7 @@ def _arguments(settings: Conversion, target: Path) -> list[str]:
         *("-o", str(target)),
         *_OPTIONS[settings.kind],
         *_GUESSES,
+        *([_GUESS_CROSSINGS] if settings.crossings else []),
         *(["--tls.guess"] if settings.lights else []),
         *([DROP_SIMPLE_LIGHTS] if settings.drop_lights and settings.kind == "xodr" else []),
         *(["--lefthand"] if settings.left_hand else []),

@@ -17,6 +17,7 @@ from dohyo.sumo_networks.networks.conversion.countries import (
 )
 from dohyo.sumo_networks.networks.conversion.mirroring import mirror_image
 from dohyo.sumo_networks.networks.conversion.netconvert import TIMEOUT_S, Conversion, convert
+from dohyo.sumo_networks.networks.conversion.programs import describe_changes, read_programs
 from dohyo.sumo_networks.networks.conversion.sources import Kind, kind_of, unpack
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.networks.xml_guard import LIMIT_MB, Census
@@ -111,11 +112,14 @@ class SourceFile:
             self.plain.write_bytes(mirror_image(self.plain.read_bytes()))
         if self.kind == "net" and self.census.crossings > 0 and not self.options.lights:
             return ConvertedNet(self.plain, None, decided)
+        if self.census.nema:
+            decided.append(f"no crossings are guessed, since they would break {self.census.nema} NEMA signal programs")
         settings = Conversion(
             kind=self.kind,
             source=self.plain,
             file=self.file,
             lights=self.options.lights,
+            crossings=not self.census.nema,
             drop_lights=self.options.fix,
             left_hand=self.left_hand and not mirrored_first,
             country=self.country,
@@ -124,6 +128,8 @@ class SourceFile:
         warnings, chosen = convert(settings, built)
         if settings.left_hand:
             built.write_bytes(mirror_image(built.read_bytes()))
+        if self.kind == "net" and self.census.lights:
+            chosen += describe_changes(read_programs(self.plain), read_programs(built))
         return ConvertedNet(built, warnings, [*decided, *chosen])
 
     def counted(self, network: RoadNetwork, warnings: Sequence[str] | None) -> tuple[str, ...]:
@@ -133,13 +139,13 @@ class SourceFile:
         before, lanes = self.census, network.lanes
         sidewalks = lanes.pedestrian & ~lanes.drivable & ~lanes.bicycle & ~lanes.crossing
         sidewalks &= [not str(lane).startswith(":") for lane in lanes.ids]
-        counts = (
+        counts = [
             ("sidewalks", int(sidewalks.sum()) - before.sidewalks),
             ("crossings", int(lanes.crossing.sum()) - before.crossings),
             ("traffic lights", len(network.signals.light_ids) - before.lights),
-        )
+        ]
         if self.kind == "net" and not before.inside:
-            counts = (*counts, ("lanes inside junctions", int((lanes.internal & lanes.drivable).sum())))
+            counts.append(("lanes inside junctions", int((lanes.internal & lanes.drivable).sum())))
         how = "added" if self.kind == "net" else "read or guessed"
         kinds = Counter(re.sub(r"'[^']*'|-?\d+(\.\d+)?", "…", warning) for warning in warnings)
         return (
