@@ -7,12 +7,14 @@ exact state has 64.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 from gymnasium.spaces import Box, Dict
+from pydantic import Field
 from torch import Tensor, cat, nn
 
 from dohyo.agents.endless_driving.observation import MEASUREMENTS, PICTURE, POINTS, STATE, WAYPOINTS
+from dohyo.agents.learning.runs.config import Positive
 from dohyo.agents.perception.encoders.rlad import RladEncoder, initialise
 from dohyo.agents.perception.encoders.waypoints import WayConv1D
 from dohyo.sumo_networks.config import Config
@@ -27,14 +29,15 @@ class LatentConfig(Config):
     """Settings of the encoders: the table [latent].
 
     Attributes:
-        layers: Channels and stride of each convolution; None: `SLIM` at 64 x 64, the thesis's at 256 x 256.
+        layers: Channels and stride of each convolution, of which there is at least one; None: `SLIM` at 64 x 64, the
+            thesis's at 256 x 256.
         local_mixing: Whether A-LIX follows every convolution.
         scaled_mixing: Whether A-LIX shifts small maps by the same share of their side as its source, not by as many
             pixels: 2.5 are half of a map of 5 x 5.
         waypoints: WayConv1D, or the plain layers that it replaces.
     """
 
-    layers: tuple[tuple[int, int], ...] | None = None
+    layers: Annotated[tuple[tuple[Positive, Positive], ...], Field(min_length=1)] | None = None
     local_mixing: bool = True
     scaled_mixing: bool = False
     waypoints: Literal["convolution", "plain"] = "convolution"

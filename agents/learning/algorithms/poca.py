@@ -116,11 +116,16 @@ class Poca(Ppo):
     _config: PocaConfig
 
     def _critic(self, task: Task) -> nn.Module:
-        if self._config.imitated_steps:
+        config = self._config
+        if config.imitated_steps:
             raise InvalidInputError(
-                f"expected imitated_steps = 0 with MA-POCA, whose critic sees teams, got {self._config.imitated_steps}"
+                f"expected imitated_steps = 0 with MA-POCA, whose critic sees teams, got {config.imitated_steps}"
             )
-        return GroupCritic(self.actor, self.encoder.features, task.action_space, self._config)  # type: ignore[arg-type]
+        if config.embedding % config.heads:
+            raise InvalidInputError(
+                f"MA-POCA: expected embedding to be a multiple of heads, {config.heads}, got {config.embedding}"
+            )
+        return GroupCritic(self.actor, self.encoder.features, task.action_space, config)  # type: ignore[arg-type]
 
     @property
     def _agents(self) -> int:

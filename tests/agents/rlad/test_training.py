@@ -9,7 +9,9 @@ import pytest
 from tensordict import TensorDict
 
 from dohyo.agents.endless_driving.observation import PICTURE
-from dohyo.agents.rlad.training import Algorithm
+from dohyo.agents.learning.files.settings import read_settings
+from dohyo.agents.rlad.training import Algorithm, RladRunConfig
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.killed import killed_and_resumed
 
 
@@ -27,3 +29,17 @@ def test_so_does_one_of_the_town_in_sumo(tmp_path: Path) -> None:
     settings += ["sac.updates_per_step=0.25", "sac.replay.capacity=64"]
     whole = killed_and_resumed("rlad", settings, tmp_path, onnx=False)
     assert TensorDict.load_memmap(whole / "replay")[f"observation.{PICTURE}"][:48].flatten(1).any(dim=1).all()
+
+
+@pytest.mark.parametrize(
+    ("layers", "said"),
+    [
+        ("[]", r"latent\.layers: Tuple should have at least 1 item"),
+        ("[[24, 0]]", r"latent\.layers\.0\.1: Input should be greater than 0, got 0"),
+        ("[[0, 4]]", r"latent\.layers\.0\.0: Input should be greater than 0, got 0"),
+        ("[[24, -2]]", r"latent\.layers\.0\.1: Input should be greater than 0, got -2"),
+    ],
+)
+def test_convolutions_without_channels_or_stride_are_refused(layers: str, said: str) -> None:
+    with pytest.raises(InvalidInputError, match=said):
+        read_settings(RladRunConfig, None, [f"latent.layers={layers}"])

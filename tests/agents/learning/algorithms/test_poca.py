@@ -132,3 +132,9 @@ def test_teams_that_sit_out_are_in_no_batch() -> None:
 def test_an_expert_cannot_be_imitated_by_the_critic_of_teams() -> None:
     with pytest.raises(InvalidInputError, match="imitated_steps = 0"):
         poca(1, CONFIG.model_copy(update={"imitated_steps": 8}))
+
+
+@pytest.mark.parametrize(("embedding", "heads"), [(130, 4), (128, 3), (8, 16)])
+def test_heads_that_do_not_share_the_embedding_are_refused(embedding: int, heads: int) -> None:
+    with pytest.raises(InvalidInputError, match=f"embedding to be a multiple of heads, {heads}, got {embedding}"):
+        poca(2, CONFIG.model_copy(update={"embedding": embedding, "heads": heads}))
