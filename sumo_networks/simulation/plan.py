@@ -17,6 +17,7 @@ from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.simulation.traffic_log import logs_folder, read_log
 from dohyo.sumo_networks.traffic.flows import make_flow_sources
 
 
@@ -58,7 +59,7 @@ class ScenarioPlan:
 
 
 def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehicleParameters | None = None) -> ScenarioPlan:
-    """Plans the routes, and checks that starts, flows and events are possible, without SUMO.
+    """Plans the routes, and checks that starts, flows, events and log are possible, without SUMO.
 
     Args:
         network: The road network.
@@ -66,8 +67,8 @@ def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehiclePara
         vehicle: Vehicle parameters of the egos on a dry road; None: the default car.
 
     Raises:
-        InvalidInputError: A mission, flow or event is impossible, or two egos touch at their starts; the message says
-            which and why.
+        InvalidInputError: A mission, flow or event is impossible, two egos touch at their starts, or the log is
+            missing, damaged, too short or of another network; the message says which and why.
     """
     conditions, dry = conditions_named(scenario.conditions), vehicle or VehicleParameters()
     routes = tuple(plan_route(network, mission) for mission in scenario.missions)
@@ -79,6 +80,8 @@ def plan_scenario(network: RoadNetwork, scenario: Scenario, vehicle: VehiclePara
             ego = event.ego or plan.egos[0]
             check_placement(event, ego, network, routes[plan.egos.index(ego)])
         make_flow_sources(network, scenario.traffic.flows, np.random.default_rng(0))
+    else:
+        read_log(scenario.log, logs_folder()).check(network, scenario)
     return plan
 
 

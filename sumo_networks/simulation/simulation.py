@@ -150,7 +150,7 @@ class Simulation:
             ahead_m = FASTER * fastest * (self.plan.scenario.duration_s or 0.0)
             self._survey = Survey(self.plan.network, reachable(self.plan.routes, ahead_m))
         names, actors = self._survey.read(self._proxies.names, self._scripted, self._registry.obstacles())
-        recorder.append(names, actors, self.world.signals)
+        recorder.append(names, actors, self.world.signals, self.plan.network)
 
     def all_actors(self) -> tuple[list[str], Actors]:
         """Names and states of all actors of the network, except egos and external ones; keys are row numbers."""

@@ -1,6 +1,7 @@
 """Log: a recorded run of all actors except the egos, which `simulation.replay` plays back.
 
-The hash of its content identifies a log, so that a scenario cannot run against a different log.
+The hash of its content identifies a log, so that a scenario cannot run against a different log. Beside the content, the
+file states the network on which the log was recorded.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import staged
 from dohyo.sumo_networks.networks.entries import user_catalog
+from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.scenario import Scenario
+from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors
 
 SHIPPED = Path(__file__).parents[1] / "logs"
@@ -60,6 +64,7 @@ class Log:
         lane: (R,) int32, lane under the actor, -1 if none.
         indicator: (R,) int8, turn indicator: 1 left, -1 right, 0 off.
         signals: (C, 3) int32, first states and changes of the lights: tick, row in `RoadNetwork.signals`, LightState.
+        network: Hex sha256 of the network's file, no part of the content hash; None: unknown (older logs).
     """
 
     names: tuple[str, ...]
@@ -75,6 +80,7 @@ class Log:
     lane: NDArray[np.int32]
     indicator: NDArray[np.int8]
     signals: NDArray[np.int32]
+    network: str | None = None
 
     @property
     def ticks(self) -> int:
@@ -87,6 +93,25 @@ class Log:
         for column, dtype in _DTYPES.items():
             digest.update(np.ascontiguousarray(getattr(self, column), dtype=dtype).data)
         return digest.hexdigest()
+
+    def check(self, network: RoadNetwork, scenario: Scenario) -> None:
+        """Checks that a scenario on a network can replay the log.
+
+        Raises:
+            InvalidInputError: The log is of another network, or ends before the scenario's duration.
+        """
+        of_another = self.network not in (None, network.sha256)
+        for rows, count in ((self.lane, len(network.lanes.ids)), (self.signals[:, 1], len(network.signals.link))):
+            of_another |= bool(len(rows)) and int(rows.max()) >= count
+        if of_another:
+            raise InvalidInputError(
+                f"scenario '{scenario.name}': expected a log of network '{network.name}', got one of another network"
+            )
+        last_s, duration_s = (self.ticks - 1) * TICK_S, scenario.duration_s or 0.0
+        if last_s < duration_s - TICK_S / 2:
+            raise InvalidInputError(
+                f"scenario '{scenario.name}': expected a log of {duration_s:g} s, got one of {last_s:.1f} s"
+            )
 
     def actors(self, tick: int) -> Actors:
         """All actors in one tick."""
@@ -114,15 +139,26 @@ class LogRecorder:
         self._rows: list[tuple[NDArray[Any], ...]] = []
         self._signals: list[tuple[int, int, int]] = []
         self._lights: NDArray[Any] | None = None
+        self._network: str | None = None
 
-    def append(self, names: Sequence[str], actors: Actors, signals: NDArray[Any]) -> None:
+    def append(
+        self, names: Sequence[str], actors: Actors, signals: NDArray[Any], network: RoadNetwork | None = None
+    ) -> None:
         """Adds one tick.
 
         Args:
             names: SUMO id of each row of `actors`; their keys are not used.
             actors: All actors.
             signals: (K,) LightState.
+            network: Roads of the tick, so that the log is replayed on no others; None: unknown.
+
+        Raises:
+            InvalidInputError: The ticks before are of another network.
         """
+        roads = network.sha256 if network else None
+        if self._rows and roads != self._network:
+            raise InvalidInputError("expected all ticks of a log on one network, got one of another network")
+        self._network = roads
         for i, name in enumerate(names):
             if name not in self._keys:
                 self._keys[name] = len(self._bodies)
@@ -137,7 +173,15 @@ class LogRecorder:
         self._lights = signals.copy()
 
     def finish(self) -> Log:
-        """Makes the log of all appended ticks."""
+        """Makes the log of all appended ticks.
+
+        Raises:
+            InvalidInputError: There is none.
+        """
+        if not self._rows:
+            raise InvalidInputError(
+                "expected at least one tick in a log, got none; DrivingEnv.record adds the last one"
+            )
         kind, length, width = zip(*self._bodies, strict=True) if self._bodies else ((), (), ())
         counts = [len(rows[0]) for rows in self._rows]
         columns = [np.concatenate(column) for column in zip(*self._rows, strict=True)]
@@ -156,7 +200,7 @@ class LogRecorder:
             "indicator": indicator,
             "signals": np.array(self._signals).reshape(-1, 3),
         }
-        return _frozen(tuple(self._keys), arrays)
+        return _frozen(tuple(self._keys), arrays, self._network)
 
 
 def logs_folder() -> Path:
@@ -180,7 +224,8 @@ def write_log(log: Log) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {column: getattr(log, column) for column in _DTYPES}
     with staged(path) as draft, draft.open("wb") as file:
-        np.savez_compressed(file, names=np.array(log.names, dtype=np.str_), **arrays)
+        names, network = np.array(log.names, dtype=np.str_), np.array(log.network or "", dtype=np.str_)
+        np.savez_compressed(file, names=names, network=network, **arrays)
     return path
 
 
@@ -200,7 +245,8 @@ def read_log(sha256: str, folder: Path) -> Log:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {column: file[column] for column in _DTYPES}
-            log = _frozen(tuple(str(name) for name in file["names"]), arrays)
+            network = str(file["network"]) if "network" in file.files else ""
+            log = _frozen(tuple(str(name) for name in file["names"]), arrays, network or None)
     except FileNotFoundError as error:
         raise InvalidInputError(
             f"no log {sha256[:12]} in {folder}; dohyo benchmarks prepare NAME makes the logs of a benchmark"
@@ -212,10 +258,10 @@ def read_log(sha256: str, folder: Path) -> Log:
     return log
 
 
-def _frozen(names: tuple[str, ...], arrays: dict[str, Any]) -> Log:
+def _frozen(names: tuple[str, ...], arrays: dict[str, Any], network: str | None) -> Log:
     rounded = {column: np.round(np.asarray(arrays[column], np.float64), n) for column, n in DECIMALS.items()}
     whole = arrays | rounded
     typed = {column: np.ascontiguousarray(whole[column], dtype=dtype) for column, dtype in _DTYPES.items()}
     for values in typed.values():
         values.flags.writeable = False
-    return Log(names=names, **typed)
+    return Log(names=names, **typed, network=network)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from dohyo.sumo_networks.simulation.traffic_log import Log, LogRecorder, log_pat
 from dohyo.sumo_networks.world import ActorKind, Actors, LightState
 from tests.conftest import MakeEnv
 from tests.sumo_networks.simulation.drives import busy_road
-from tests.worlds import Scene, lit_crossing, straight_road
+from tests.worlds import Scene, lit_crossing, stop_sign_crossing, straight_road
 
 TICKS = 30
 
@@ -96,6 +97,49 @@ def test_logs_that_are_missing_damaged_or_another_are_refused() -> None:
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(InvalidInputError, match="cannot be read"):
         read_log(log.sha256(), logs_folder())
+
+
+def test_a_log_of_another_network_is_refused_when_the_plan_is_made() -> None:
+    recorder, scene = LogRecorder(), crossing_cars()
+    for world in scene.worlds(TICKS / 10):
+        names = [world.names[key] for key in world.actors.key]
+        recorder.append(names, world.actors, world.signals, scene.network)
+    log, other = recorder.finish(), stop_sign_crossing()
+    assert log.sha256() == logged(scene).sha256(), "the network is no part of the content"
+    one = scenario(scene, log)
+    assert read_log(log.sha256(), logs_folder()).network == scene.network.sha256
+    replaying(scene, one)
+    elsewhere = one.model_copy(update={"network": str(other.network.path), "missions": (other.mission,)})
+    with pytest.raises(InvalidInputError, match=r"expected a log of network 'crossing_priority_stop-.* of another"):
+        DrivingEnv(elsewhere, sensors=["objects"])
+    with pytest.raises(InvalidInputError, match="on one network"):
+        recorder.append([], world.actors.take(np.zeros(len(world.actors), np.bool_)), world.signals, other.network)
+
+
+def test_an_old_log_with_lanes_or_lights_that_the_network_lacks_is_refused() -> None:
+    lit = lit_crossing().with_ego(x=-100)
+    with pytest.raises(InvalidInputError, match="got one of another network"):
+        plan_scenario(straight_road().network, scenario(straight_road().with_ego(x=0), logged(lit)))
+    driving = lit_crossing().with_ego(x=-100).with_actor(x=150.0, speed=1.0)
+    log = logged(driving)
+    assert log.network is None
+    assert log.lane.max() >= len(straight_road().network.lanes.ids)
+    unlit = dataclasses.replace(log, signals=np.zeros((0, 3), dtype=np.int32))
+    with pytest.raises(InvalidInputError, match="got one of another network"):
+        plan_scenario(straight_road().network, scenario(straight_road().with_ego(x=0), unlit))
+
+
+def test_a_log_that_ends_before_its_scenario_is_refused_when_the_plan_is_made() -> None:
+    scene = crossing_cars()
+    short, long = logged(scene, seconds=2.8), logged(scene, seconds=3.0)
+    plan_scenario(scene.network, scenario(scene, long))
+    with pytest.raises(InvalidInputError, match=r"expected a log of 3 s, got one of 2\.8 s"):
+        plan_scenario(scene.network, scenario(scene, short))
+
+
+def test_a_log_without_a_tick_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match="expected at least one tick"):
+        LogRecorder().finish()
 
 
 def test_others_do_the_same_whatever_the_ego_does() -> None:
