@@ -32,7 +32,7 @@ from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM, episode_seed
 from dohyo.sumo_networks.sensors import Observation, Sensor, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
@@ -148,21 +148,23 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         """Starts the scenario from its first tick.
 
         Args:
-            seed: Seed that replaces the scenario's seed, also in later resets. Without one, the episode has the seed
-                of the last one, and so the same traffic; with `new_seeds` it has one that follows from the last seed
-                given.
+            seed: Seed from 0 to 2^31 - 1 that replaces the scenario's seed, also in later resets. Without one, the
+                episode has the seed of the last one, and so the same traffic; with `new_seeds` it has one that follows
+                from the last seed given.
             options: Unused.
 
         Raises:
-            InvalidInputError: The network cannot carry this traffic.
+            InvalidInputError: The seed is no whole number in that range (nothing has changed then), or the network
+                cannot carry this traffic.
             SimulationError: SUMO failed, or another environment of this process is still open.
         """
         if seed is not None:
-            self._seeds = np.random.default_rng(int(seed) % 2**31)
+            seed = episode_seed(seed)
+            self._seeds = np.random.default_rng(seed)
         elif self._new_seeds:
             seed = int(self._seeds.integers(HELD_OUT_FROM))
         if seed is not None and seed != self.scenario.seed:
-            self._plan = self._plan.with_seed(int(seed) % 2**31)
+            self._plan = self._plan.with_seed(seed)
             self.scenario = self._plan.scenario
         self._sensors, self._controls = self._new_sensors(), self._new_controls()
         self._rewards = {name: make_reward(self._reward_name) for name in self._rewards if self._reward_name}

@@ -17,7 +17,7 @@ from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, RENDERING, SensorN
 from dohyo.sumo_networks.envs.scenario_env import ScenarioSource, scenario_rows
 from dohyo.sumo_networks.envs.worker_process import WorkerDeathError
 from dohyo.sumo_networks.errors import SimulationError
-from dohyo.sumo_networks.seeds import training_seed
+from dohyo.sumo_networks.seeds import episode_seed, training_seed
 
 Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
@@ -106,14 +106,14 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
             Observations, and infos as from `step`.
 
         Raises:
-            InvalidInputError: A seed is negative or no whole number, seeds or mask have a wrong length (nothing has
-                changed then), or a scenario is impossible.
+            InvalidInputError: A seed is negative or no whole number, that of one environment is above 2^31 - 1, seeds
+                or mask have a wrong length (nothing has changed then), or a scenario is impossible.
             SimulationError: SUMO failed, a worker has died, or the environment is closed.
         """
         chosen = (options or {}).get("reset_mask")
         mask = np.ones(self.num_envs, np.bool_) if chosen is None else row_mask(chosen, self.num_envs)
         if isinstance(seed, Sequence | np.ndarray):
-            seeds = row_seeds(seed, self.num_envs)
+            seeds = [None if one is None else episode_seed(one) for one in row_seeds(seed, self.num_envs)]
             self._shown = np.where(mask, -1, self._shown)
             return self._reset(mask, seeds, {}), self._infos(self._rows.running.copy())
         if seed is not None:

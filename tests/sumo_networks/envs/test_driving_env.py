@@ -80,6 +80,28 @@ def test_the_same_seed_gives_the_same_episode_and_another_does_not(make_env: Mak
         np.testing.assert_equal(other[0], first[0])
 
 
+@pytest.mark.parametrize("seed", [-3, 2**31, 3.7, "7", True, np.float64(4.0), np.int64(-1), [1]])
+def test_a_seed_that_is_none_is_refused_and_changes_nothing(make_env: MakeEnv, seed: Any) -> None:
+    env = make_env(light(), sensors=("speedometer",), new_seeds=True)
+    env.reset(seed=5)
+    env.step({name: env.action_space(name).sample() for name in env.agents})
+    with pytest.raises(InvalidInputError, match=r"expected a seed, a whole number from 0 to 2147483647, got"):
+        env.reset(seed=seed)
+    assert (env.scenario.seed, env.world.tick) == (5, 1)
+    env.reset()
+    follows = env.scenario.seed
+    env.reset(seed=5)
+    env.reset()
+    assert env.scenario.seed == follows
+
+
+@pytest.mark.parametrize("seed", [0, 2**31 - 1, np.int64(4), np.uint32(2**30)])
+def test_whole_numbers_of_numpy_are_seeds(make_env: MakeEnv, seed: Any) -> None:
+    env = make_env(light(), sensors=("speedometer",))
+    env.reset(seed=seed)
+    assert (env.scenario.seed, type(env.scenario.seed)) == (int(seed), int)
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_supersuit_accepts_it(make_env: MakeEnv) -> None:
     env = make_env(two_egos(), reward=None, render_mode="rgb_array")

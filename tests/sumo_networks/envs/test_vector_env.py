@@ -286,6 +286,7 @@ def test_gymnasiums_statistics_of_episodes_are_of_ours(mode: AutoresetMode) -> N
         ({"seed": 1.5}, "a whole number of at least 0, got 1.5"),
         ({"seed": [-3, 1]}, "a whole number of at least 0, got -3"),
         ({"seed": [1, "2"]}, "a whole number of at least 0, got '2'"),
+        ({"seed": [1, 2**31]}, "a whole number from 0 to 2147483647, got 2147483648"),
         ({"seed": [1]}, "expected 2 seeds, got 1"),
         ({"options": {"reset_mask": np.array([True])}}, r"a mask of shape \(2,\), got \(1,\)"),
         ({"options": {"reset_mask": [[True], [True, False]]}}, r"a mask of shape \(2,\), got \[\[True\]"),
