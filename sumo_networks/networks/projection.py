@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gzip
-import re
+import xml.parsers.expat
+import zlib
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BufferedIOBase
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,8 @@ from pyproj.enums import TransformDirection
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
-_HEAD_BYTES = 65536
+LAST_ZONE = 60
+_CHUNK = 1 << 16
 _RADIANS = "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
 _INVERSE = TransformDirection.INVERSE
 
@@ -63,18 +66,30 @@ def read_projection(path: Path) -> Projection:
     """Projection of a SUMO net: the UTM zone of its <location>; a local origin without a UTM zone.
 
     Raises:
-        InvalidInputError: The file cannot be read.
+        InvalidInputError: The file or its <location> cannot be read.
     """
     try:
         with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
-            head = file.read(_HEAD_BYTES).decode(errors="replace")
-    except OSError as error:
-        raise InvalidInputError(f"cannot read network file '{path}': {error}") from error
-    found = re.search(r'<location netOffset="([-\d.]+),([-\d.]+)"[^>]*projParameter="([^"]*)"', head)
-    zone = re.search(r"\+proj=utm\b.*\+zone=(\d+)", found[3]) if found else None
-    if found is None or zone is None:
-        return Projection()
-    return Projection(int(zone[1]), "+south" in found[3], (float(found[1]), float(found[2])))
+            location = _read_location(file)
+        words = [word.partition("=") for word in location.get("projParameter", "").split()]
+        parameters = {key: value for key, _, value in words}
+        zone = parameters.get("+zone", "") if parameters.get("+proj") == "utm" else ""
+        if not (zone.isdecimal() and 1 <= int(zone) <= LAST_ZONE):
+            return Projection()
+        x, y, *_ = (float(metres) for metres in location.get("netOffset", "0,0").split(","))
+    except (OSError, EOFError, ValueError, zlib.error, xml.parsers.expat.ExpatError) as error:
+        raise InvalidInputError(f"cannot read the location of network file '{path}': {error}") from error
+    return Projection(int(zone), "+south" in parameters, (x, y))
+
+
+def _read_location(file: BufferedIOBase) -> dict[str, str]:
+    """Attributes of a net's <location>; none without one. The file is read up to it."""
+    found: list[dict[str, str]] = []
+    parser = xml.parsers.expat.ParserCreate()
+    parser.StartElementHandler = lambda tag, attributes: found.append(attributes) if tag == "location" else None
+    while not found and (chunk := file.read(_CHUNK)):
+        parser.Parse(chunk)
+    return found[0] if found else {}
 
 
 def geodetic_to_enu(points: FloatArray, origin: tuple[float, float, float]) -> FloatArray:

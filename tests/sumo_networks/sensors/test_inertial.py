@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gzip
 import math
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from dohyo.sumo_networks.conditions import CONDITIONS, Conditions
 from dohyo.sumo_networks.ego.dynamics import GRAVITY, HEADING, SPEED, VehicleParameters, Vehicles
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import ray_to_box
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.projection import Projection, enu_to_geodetic, geodetic_to_enu, read_projection
@@ -197,6 +199,40 @@ def test_a_net_in_another_projection_gets_a_local_origin(tmp_path: Path) -> None
     net = tmp_path / "x.net.xml"
     net.write_text('<net><location netOffset="0.00,0.00" convBoundary="0,0,1,1" projParameter="+proj=tmerc"/></net>')
     assert read_projection(net) == Projection()
+
+
+UTM = '<location netOffset="-300000.00,-5000000.00" convBoundary="0,0,1,1" projParameter="+proj=utm +zone=33 +south"/>'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        UTM,
+        UTM.replace("-5000000.00", "-5e6"),
+        UTM.replace('"', "'"),
+        UTM.replace("+proj=utm +zone=33 +south", "+south +zone=33 +ellps=WGS84 +proj=utm"),
+        '<location projParameter="+proj=utm +zone=33 +south" netOffset="-300000.00,-5000000.00"/>',
+        "<location\n  netOffset = '-3e5,-5e6'\n  projParameter = '+proj=utm +zone=33 +south'></location>",
+        f"<!-- {'x' * 70_000} -->{UTM}",
+    ],
+)
+def test_the_location_of_a_net_is_read_in_each_of_its_spellings(tmp_path: Path, text: str) -> None:
+    net, packed = tmp_path / "x.net.xml", tmp_path / "x.net.xml.gz"
+    net.write_text(f"<net>{text}</net>")
+    packed.write_bytes(gzip.compress(net.read_bytes()))
+    expected = Projection(zone=33, south=True, offset=(-300_000.0, -5_000_000.0))
+    assert (read_projection(net), read_projection(packed)) == (expected, expected)
+
+
+def test_nets_without_a_place_have_a_local_origin_and_broken_ones_are_refused(tmp_path: Path) -> None:
+    net = tmp_path / "x.net.xml"
+    net.write_text("<net></net>")
+    assert read_projection(net) == Projection()
+    for number, text in enumerate([f"<net>{UTM.replace('-300000.00', 'west')}</net>", "<a></b>"]):
+        broken = tmp_path / f"{number}.net.xml"
+        broken.write_text(text)
+        with pytest.raises(InvalidInputError, match="cannot read the location of network file"):
+            read_projection(broken)
 
 
 @given(
