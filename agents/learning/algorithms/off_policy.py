@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast
@@ -14,6 +13,7 @@ from pydantic import Field
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
+from dohyo.agents.learning.algorithms.divergence import check_actions, check_finite
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, Act, Behaviour, PolicyBehaviour
 from dohyo.agents.learning.experience.collector import Collector, Finished, outcome
 from dohyo.agents.learning.experience.explorers import Explorers
@@ -26,7 +26,7 @@ from dohyo.agents.learning.runs.config import Positive, Share
 from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.tasks.task import Array, Task, named
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError
 
 Augment = Callable[[TensorDictBase], TensorDictBase]
 """Changes a batch before it is learned from; its randomness comes from torch's global generator."""
@@ -189,7 +189,7 @@ class OffPolicy(ABC, Generic[C]):
         """Takes `round_steps` steps everywhere; environments in processes simulate while the learner updates.
 
         Raises:
-            DohyoError: As from the collector; the losses are no longer finite.
+            DohyoError: As from the collector; losses or actions are no longer finite.
         """
         sums: dict[str, Tensor] = {}
         before = self.updates
@@ -230,8 +230,9 @@ class OffPolicy(ABC, Generic[C]):
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
         with torch.no_grad(), evaluating(cast(nn.Module, self.policy)):
-            actions = self.policy(observation.to(self._device))
-        return np.asarray(actions.cpu().numpy())
+            actions = np.asarray(self.policy(observation.to(self._device)).cpu().numpy())
+        check_actions(actions, observation)
+        return actions
 
     def state(self) -> dict[str, Any]:
         """State for a checkpoint; the replay's frames stay where they are."""
@@ -274,7 +275,9 @@ class OffPolicy(ABC, Generic[C]):
         else:
             with torch.no_grad(), evaluating(self.encoder):
                 chosen = self.explore(observation.to(self._device) if self._device.type != "cpu" else observation)
-        return TensorDict({name: value.cpu() for name, value in chosen.items()}, observation.batch_size)
+        told = {name: value.cpu() for name, value in chosen.items()}
+        check_actions(told["action"].numpy(), observation)
+        return TensorDict(told, observation.batch_size)
 
     def _discount(self, batch: TensorDictBase) -> Tensor:
         """(B,) discounts of what follows the n steps of each return, 0 behind a terminal observation."""
@@ -282,15 +285,6 @@ class OffPolicy(ABC, Generic[C]):
         discount = self._config.gamma**steps if self._config.replay.steps > 1 else self._config.gamma
         discounts: Tensor = (follows * discount).squeeze(-1)
         return discounts
-
-
-def check_finite(losses: Mapping[str, float]) -> None:
-    """Raises DohyoError if a loss is not finite: what was learned is lost, and no checkpoint may keep it."""
-    if lost := [name for name, value in losses.items() if not math.isfinite(value)]:
-        raise DohyoError(
-            f"the training has diverged: {', '.join(lost)} expected to be finite; it goes on from its last checkpoint,"
-            " but a lower learning rate or smaller rewards may be needed"
-        )
 
 
 def linear(first: float, last: float, share: float) -> float:

@@ -18,6 +18,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
+from dohyo.agents.learning.algorithms.divergence import check_actions, check_finite
 from dohyo.agents.learning.algorithms.intrinsic import IntrinsicReward, add_intrinsic
 from dohyo.agents.learning.algorithms.ppo_config import PpoConfig, PpoRunConfig
 from dohyo.agents.learning.experience.behaviour import DEMONSTRATOR, EpisodeMixture
@@ -180,6 +181,9 @@ class Ppo:
 
         Returns:
             A row of metrics.csv.
+
+        Raises:
+            DohyoError: As from the collector; losses or actions are no longer finite.
         """
         share = self._config.guided_share_at(self.rounds)
         self.behaviour.share = share
@@ -237,8 +241,9 @@ class Ppo:
     def act(self, observation: TensorDict) -> Array:
         """See `Learner`."""
         with torch.no_grad(), evaluating(self.encoder):
-            action: Tensor = self.actor(self._features(observation.to(self._device)))
-        return np.asarray(action.cpu().numpy())
+            action = np.asarray(self.actor(self._features(observation.to(self._device))).cpu().numpy())
+        check_actions(action, observation)
+        return action
 
     def state(self) -> dict[str, Any]:
         """State for a checkpoint."""
@@ -271,6 +276,7 @@ class Ppo:
         with torch.no_grad(), evaluating(self.encoder):
             variable = self.actor.sample(self._features(observation.to(self._device)))
             chosen = {"action": self.actor.action_of(variable).cpu(), "variable": variable.cpu()}
+        check_actions(chosen["action"].numpy(), observation)
         return TensorDict(chosen, observation.batch_size)
 
     def _features(self, observation: TensorDict) -> Tensor:
@@ -302,7 +308,11 @@ class Ppo:
         return row | self._descend(len(data), self._config.batch, losses)
 
     def _descend(self, count: int, batch: int, losses_of: Callable[[Tensor], dict[str, Tensor]]) -> dict[str, Number]:
-        """Takes gradient steps on batches of `count` rows, in several epochs; means of the losses."""
+        """Takes gradient steps on batches of `count` rows, in several epochs; means of the losses.
+
+        Raises:
+            DohyoError: They are no longer finite.
+        """
         sums, before = defaultdict[str, float](float), self.updates
         for _ in range(self._config.epochs):
             for rows in torch.split(torch.randperm(count), batch):
@@ -315,7 +325,9 @@ class Ppo:
                 self.updates += 1
                 for name in LOSSES:
                     sums[name] += losses[name].item()
-        return {name: value / (self.updates - before) for name, value in sums.items()}
+        means: dict[str, Number] = {name: value / (self.updates - before) for name, value in sums.items()}
+        check_finite({name: sums[name] for name in LOSSES[:3]})
+        return means
 
     def _losses(
         self, observation: Mapping[str, Tensor], action: Tensor, log_prob: Tensor, advantage: Tensor, target: Tensor
