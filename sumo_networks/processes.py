@@ -12,10 +12,7 @@ import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.context import ForkServerContext, SpawnContext
-from multiprocessing.process import (
-    ORIGINAL_DIR,  # type: ignore[attr-defined]
-    BaseProcess,
-)
+from multiprocessing.process import ORIGINAL_DIR, BaseProcess  # type: ignore[attr-defined]
 from pathlib import Path
 from typing import Any, Final
 
