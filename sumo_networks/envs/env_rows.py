@@ -44,7 +44,8 @@ class RowPlan:
         group_size: Agents of one environment.
         observation_space: Of one agent, see `named_space`.
         action_space: Of one agent.
-        measures: Names of the floats in the last info of an episode.
+        measures: Names of the floats in the last info of an episode, beside "success": true, false, 0 or 1; without it
+            false.
     """
 
     make_env: Callable[[int], Any]
@@ -318,13 +319,11 @@ class EnvRows:
         return array.astype(target.dtype)
 
     def _write_outcome(self, row: int, reward: Any, terminated: Any, truncated: Any, info: Mapping[str, Any]) -> None:
-        rows = self._rows
-        try:
-            number = float(reward)
-        except (TypeError, ValueError):
-            number = math.nan
+        rows, number = self._rows, _number(reward)
         if not abs(number) <= LARGEST_REWARD:
-            raise self._error(f"expected a finite reward, of {LARGEST_REWARD:.0e} at most, got {reward}")
+            raise self._error(
+                f"expected as reward one finite number, of {LARGEST_REWARD:.0e} at most, got {str(reward)[:100]}"
+            )
         rows.rewards[row], rows.terminations[row], rows.truncations[row] = number, terminated, truncated
         if terminated or truncated:
             self._acting.remove(row)
@@ -333,11 +332,29 @@ class EnvRows:
     def _write_end(self, row: int, info: Mapping[str, Any]) -> None:
         if missing := [name for name in self._plan.measures if name not in info]:
             raise self._error(f"the last info of an episode lacks {', '.join(missing)}")
-        self._rows.successes[row] = bool(info.get("success", False))
+        success = info.get("success", False)
+        if _number(success) not in (0.0, 1.0):
+            raise self._error(f"expected as success true, false, 0 or 1, got {str(success)[:100]!r}")
+        self._rows.successes[row] = bool(_number(success))
         self._rows.measures[row] = [float(info[name]) for name in self._plan.measures]
 
     def _error(self, what: str) -> EnvError:
         return EnvError(f"environment {self._rank}: {what}")
+
+
+def _number(value: Any) -> float:
+    """A number or truth value, also as an array of one; NaN for anything else, such as text."""
+    if isinstance(value, str | bytes):
+        return math.nan
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        pass
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # lists of different lengths
+        return math.nan
+    return float(array.item()) if array.size == 1 and array.dtype.kind in "biuf" else math.nan
 
 
 class OneAgentEnv:

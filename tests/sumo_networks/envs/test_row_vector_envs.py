@@ -18,7 +18,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import AlreadyPendingCallError, NoAsyncCallError
-from gymnasium.spaces import Box, Dict, Tuple
+from gymnasium.spaces import Box, Dict, Discrete, Tuple
 from gymnasium.vector import AutoresetMode
 
 from dohyo.sumo_networks.ego.control import InvalidActionError
@@ -275,8 +275,10 @@ def test_the_expert_is_asked_and_does_not_drive(kind: type[RowVectorEnv]) -> Non
         ("nan", "environment 0: expected finite observations, got others in 'observation' at [[0]]"),
         ("shape", "environment 0: observation 'observation': expected shape (2,), got (1, 2)"),
         ("dtype", "environment 0: observation 'observation': expected float32, got complex64"),
-        ("reward", "environment 0: expected a finite reward, of 3e+38 at most, got inf"),
-        ("rewards", "environment 0: expected a finite reward, of 3e+38 at most, got [0.]"),
+        ("reward", "environment 0: expected as reward one finite number, of 3e+38 at most, got inf"),
+        ("rewards", "environment 0: expected as reward one finite number, of 3e+38 at most, got [0. 0.]"),
+        ("word", "environment 0: expected as reward one finite number, of 3e+38 at most, got 1"),
+        ("success", "environment 0: expected as success true, false, 0 or 1, got 'no'"),
         ("measure", "environment 0: the last info of an episode lacks distance"),
         ("raise", "environment 0: ValueError: the point is lost"),
     ],
@@ -286,12 +288,53 @@ def test_code_that_fails_is_named(
 ) -> None:
     with points(kind, fragile=fragile) as env:
         env.reset(seed=[LEFT, LEFT])
-        for _ in range(LENGTH - 1 if fragile == "measure" else 0):
+        for _ in range(LENGTH - 1 if fragile in ("measure", "success") else 0):
             env.step(still(env))
         with pytest.raises(EnvError, match=re.escape(message)):
             env.step(still(env))
     where = "in step" if fragile == "raise" else "in _"
     assert where in caplog.text, "the log has the traceback of the environment's process"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_reward_may_be_an_array_of_one_number(kind: type[RowVectorEnv]) -> None:
+    with points(kind, fragile="boxed") as env:
+        env.reset(seed=[LEFT, RIGHT])
+        assert env.step(np.full((2, 1), 0.25, np.float32))[1].tolist() == [-0.75, -1.25]
+
+
+class Ending(gymnasium.Env[Any, Any]):
+    """Ends in its first step, with a success of any kind."""
+
+    observation_space = Box(-1.0, 1.0, (1,), np.float32)
+    action_space = Discrete(2)
+
+    def __init__(self, info: dict[str, Any], rank: int) -> None:
+        self.info = info
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        return np.zeros(1, np.float32), 0.0, True, False, self.info
+
+
+def succeeded(info: dict[str, Any]) -> bool:
+    """What an environment with such a last info reports."""
+    env = LocalVectorEnv(partial(Ending, info), 1, Ending.observation_space, Ending.action_space)
+    env.reset(seed=[0])
+    return bool(env.step(np.zeros(1, np.int64))[4]["success"][0])
+
+
+def test_success_is_a_truth_value_or_0_or_1() -> None:
+    for yes in (True, np.True_, 1, 1.0, np.float32(1.0), np.array(True), np.array([1])):
+        assert succeeded({"success": yes})
+    for no in (False, np.False_, 0, 0.0, np.int64(0), np.array([False])):
+        assert not succeeded({"success": no})
+    assert not succeeded({})
+    for odd in ("no", "", "1", 0.5, 2, -1, np.nan, None, [True, False], [[1], [1, 0]], np.ones(2), {}):
+        with pytest.raises(EnvError, match="expected as success true, false, 0 or 1, got"):
+            succeeded({"success": odd})
 
 
 @pytest.mark.parametrize(("kind", "fragile"), [*product(KINDS, ("crash", "die"))])

@@ -18,9 +18,9 @@ class Point(gymnasium.Env[Any, Any]):
     """A point on a line; the reward is minus its distance from 0. It starts at the side that the seed says.
 
     Attributes:
-        fragile: How it fails, if at all: "nan", "shape", "dtype", "reward", "rewards", "measure", "raise", "close"; and
-            on the right side only, "die" (its process does, at the third step), "crash" (its simulation does) and
-            "crash-at-reset".
+        fragile: How it fails, if at all: "nan", "shape", "dtype", "reward", "rewards", "word", "success", "measure",
+            "raise", "close"; and on the right side only, "die" (its process does, at the third step), "crash" (its
+            simulation does) and "crash-at-reset". With "boxed" its reward is an array of one number, and it works.
     """
 
     observation_space = Box(-np.inf, np.inf, (2,), np.float32)
@@ -47,8 +47,11 @@ class Point(gymnasium.Env[Any, Any]):
                 raise SystemExit(3)
             if self.fragile == "crash":
                 raise SimulationError("the point fell off the line")
-        info = {"success": abs(self.place) < 0.25} | ({} if self.fragile == "measure" else {"distance": self.place})
-        reward = {"reward": np.inf, "rewards": np.zeros(1)}.get(self.fragile, -abs(self.place))
+        success = "no" if self.fragile == "success" else abs(self.place) < 0.25
+        info: dict[str, Any] = {"success": success} | ({} if self.fragile == "measure" else {"distance": self.place})
+        distance = abs(self.place)
+        odd = {"reward": np.inf, "rewards": np.zeros(2), "word": "1", "boxed": np.array([-distance])}
+        reward: Any = odd.get(self.fragile, -distance)
         return self.observation(), reward, False, self.time == LENGTH + self.level, info
 
     def close(self) -> None:
