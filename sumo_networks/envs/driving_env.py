@@ -24,6 +24,7 @@ from dohyo.sumo_networks.envs.options import (
     check_reward,
     check_time_limit,
     checked_sensors,
+    episode_seed,
 )
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
@@ -32,7 +33,7 @@ from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.seeds import HELD_OUT_FROM, episode_seed
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from dohyo.sumo_networks.sensors import Observation, Sensor, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
