@@ -63,7 +63,9 @@ def _rules(edition: Edition, found: Mapping[str, Sequence[Place]], rows: Sequenc
             left = better_of_missions(one, [place.entrant for place in found[one.name]], rows)
             told.append(f"{one.name} {len(left)} of {drives}")
             few += [one.name] * (not missions_can_tell(found[one.name]))
-    impossible = f" In {', '.join(few)} there are too few missions for any, however large it is." if few else ""
+    impossible = (
+        f" In {', '.join(few)} there are too few missions to show any difference, however large." if few else ""
+    )
     return _RULES.format(left=", ".join(told) or "none", few=impossible)
 
 

@@ -249,7 +249,7 @@ def test_the_page_says_where_missions_are_too_few_to_tell(missions: int, few: bo
         for number, row in enumerate(rows_of(**{arm: [score + one for one in range(2 * missions)]}))
     ]
     name = edition.disciplines[0].name
-    assert (f"In {name} there are too few missions for any" in page(edition, rows)) == few
+    assert (f"In {name} there are too few missions to show any difference" in page(edition, rows)) == few
     assert f"{name} {0 if few else 1} of 1." in page(edition, rows)
 
 
