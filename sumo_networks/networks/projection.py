@@ -1,4 +1,4 @@
-"""Projection: between a network's metres and WGS84, by the net's UTM zone or around a local origin."""
+"""Projection: between a network's metres and degrees, by the net's own projection or around a local origin."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 from pyproj import Transformer
 from pyproj.enums import TransformDirection
+from pyproj.exceptions import ProjError
 
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 
-LAST_ZONE = 60
+UNPLACED = ("", "!", "-")
+"""What SUMO writes in place of a projection: none, or its own rough one, which no other program knows."""
 _CHUNK = 1 << 16
 _RADIANS = "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
 _INVERSE = TransformDirection.INVERSE
@@ -28,20 +30,18 @@ class Projection:
     """Position of a network's frame on the earth.
 
     Attributes:
-        zone: UTM zone, 1 to 60; 0 if the net has none: its frame is then a plane that touches the earth at latitude 0,
-            longitude 0.
-        south: Whether the zone lies in the southern hemisphere.
+        parameters: The net's projection as a PROJ string, such as "+proj=utm +zone=33 +ellps=WGS84"; empty if it has
+            none: its frame is then a plane that touches the earth at latitude 0, longitude 0.
         offset: x, y that SUMO added to the projected coordinates, m.
     """
 
-    zone: int = 0
-    south: bool = False
+    parameters: str = ""
     offset: tuple[float, float] = (0.0, 0.0)
 
     @property
     def georeferenced(self) -> bool:
         """Whether latitude and longitude are those of the real place."""
-        return self.zone > 0
+        return bool(self.parameters)
 
     def to_wgs84(self, x: float, y: float) -> tuple[float, float]:
         """Latitude and longitude [degrees] of a point of the network frame [m]."""
@@ -49,7 +49,7 @@ class Projection:
             latitude, longitude, _ = enu_to_geodetic(np.array([x, y, 0.0]), (0.0, 0.0, 0.0))
             return latitude, longitude
         easting, northing = x - self.offset[0], y - self.offset[1]
-        longitude, latitude = _utm(self.zone, self.south).transform(easting, northing, direction=_INVERSE)
+        longitude, latitude = _projected(self.parameters).transform(easting, northing, direction=_INVERSE)
         return latitude, longitude
 
     def from_wgs84(self, latitude: float, longitude: float) -> tuple[float, float]:
@@ -57,29 +57,37 @@ class Projection:
         if not self.georeferenced:
             east, north, _ = geodetic_to_enu(np.array([[latitude, longitude, 0.0]]), (0.0, 0.0, 0.0))[0]
             return float(east), float(north)
-        easting, northing = _utm(self.zone, self.south).transform(longitude, latitude)
+        easting, northing = _projected(self.parameters).transform(longitude, latitude)
         return easting + self.offset[0], northing + self.offset[1]
 
 
-@lru_cache(maxsize=64)
 def read_projection(path: Path) -> Projection:
-    """Projection of a SUMO net: the UTM zone of its <location>; a local origin without a UTM zone.
+    """Projection of a SUMO net, from its <location>; a local origin where that names none.
 
     Raises:
-        InvalidInputError: The file or its <location> cannot be read.
+        InvalidInputError: The file or its <location> cannot be read, or PROJ does not know the projection.
     """
     try:
-        with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
-            location = _read_location(file)
-        words = [word.partition("=") for word in location.get("projParameter", "").split()]
-        parameters = {key: value for key, _, value in words}
-        zone = parameters.get("+zone", "") if parameters.get("+proj") == "utm" else ""
-        if not (zone.isdecimal() and 1 <= int(zone) <= LAST_ZONE):
-            return Projection()
-        x, y, *_ = (float(metres) for metres in location.get("netOffset", "0,0").split(","))
+        state = path.stat()
+        return _read_projection(path, state.st_mtime_ns, state.st_size)
     except (OSError, EOFError, ValueError, zlib.error, xml.parsers.expat.ExpatError) as error:
         raise InvalidInputError(f"cannot read the location of network file '{path}': {error}") from error
-    return Projection(int(zone), "+south" in parameters, (x, y))
+
+
+@lru_cache(maxsize=64)
+def _read_projection(path: Path, changed_ns: int, size: int) -> Projection:
+    """See `read_projection`; a file that changes is read again."""
+    with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
+        location = _read_location(file)
+    parameters = " ".join(location.get("projParameter", "").split())
+    if parameters in UNPLACED:
+        return Projection()
+    x, y, *_ = (float(metres) for metres in location.get("netOffset", "0,0").split(","))
+    try:
+        _projected(parameters)
+    except ProjError as error:
+        raise ValueError(f"expected a projection that PROJ knows, got '{parameters}'") from error
+    return Projection(parameters, (x, y))
 
 
 def _read_location(file: BufferedIOBase) -> dict[str, str]:
@@ -114,11 +122,9 @@ def enu_to_geodetic(point: FloatArray, origin: tuple[float, float, float]) -> tu
 
 
 @lru_cache(maxsize=64)
-def _utm(zone: int, south: bool) -> Transformer:
-    """Transformer from longitude and latitude [degrees] to easting and northing [m]."""
-    return Transformer.from_pipeline(
-        f"{_RADIANS} +step +proj=utm +zone={zone} {'+south ' if south else ''}+ellps=WGS84"
-    )
+def _projected(parameters: str) -> Transformer:
+    """Transformer from longitude and latitude [degrees] to easting and northing [m], as SUMO's: without other steps."""
+    return Transformer.from_pipeline(f"{_RADIANS} +step {parameters.replace('+type=crs', '')}")
 
 
 @lru_cache(maxsize=64)

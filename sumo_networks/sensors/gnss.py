@@ -67,7 +67,7 @@ class Gnss(Sensor):
     """(9,) fix (0 or 1), x, y, z [m, network frame], latitude and longitude as in NMEA, and georeference (0 or 1).
 
     Columns: fix; x (east), y (north), z (up); latitude in whole degrees and minutes, longitude in whole degrees and
-    minutes (a float32 resolves degrees to 0.4 m only, minutes to 1 cm); 1 if the network has a UTM projection, 0 if
+    minutes (a float32 resolves degrees to 0.4 m only, minutes to 1 cm); 1 if the network has a projection, 0 if
     latitude and longitude count from a local origin at 0, 0. Without a fix all other columns are 0. The antenna is at
     the box's centre. Errors are those of `L80`; conditions have no effect.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gzip
 import math
+import re
 from pathlib import Path
 
 import libsumo
@@ -180,25 +181,49 @@ def test_without_a_projection_the_receiver_says_so() -> None:
     assert abs(reading[4]) == 0.0
 
 
-@pytest.mark.parametrize("name", ["ingolstadt", "adlershof"])
-def test_the_projection_agrees_with_sumos(name: str) -> None:
-    path = load_network(name).path
+def placed(path: Path, projection: str) -> Path:
+    """A net with another projection than its own; coordinates stay."""
+    told = f'projParameter="{projection}"'.encode()
+    path.write_bytes(re.sub(rb'projParameter="[^"]*"', told, load_network("braunschweig").path.read_bytes(), count=1))
+    return path
+
+
+def check_against_sumo(path: Path, back_m: float = 2e-3) -> None:
+    """Degrees of three points as libsumo has them, and back; another datum loses some centimetres with the height."""
     projection = read_projection(path)
     libsumo.start(["sumo", "-n", str(path), "--no-step-log", "true", "--no-warnings", "true"])
     try:
         for x, y in ((0.0, 0.0), (5700.0, 5650.0), (2500.0, 3000.0)):
             longitude, latitude = libsumo.simulation.convertGeo(x, y)
             back = projection.from_wgs84(latitude, longitude)
-            np.testing.assert_allclose(back, [x, y], atol=2e-3)
+            np.testing.assert_allclose(back, [x, y], atol=back_m)
             np.testing.assert_allclose(projection.to_wgs84(x, y), [latitude, longitude], atol=2e-8)
     finally:
         libsumo.close()
 
 
-def test_a_net_in_another_projection_gets_a_local_origin(tmp_path: Path) -> None:
-    net = tmp_path / "x.net.xml"
-    net.write_text('<net><location netOffset="0.00,0.00" convBoundary="0,0,1,1" projParameter="+proj=tmerc"/></net>')
-    assert read_projection(net) == Projection()
+@pytest.mark.parametrize("name", ["ingolstadt", "adlershof"])
+def test_the_projection_agrees_with_sumos(name: str) -> None:
+    check_against_sumo(load_network(name).path)
+
+
+@pytest.mark.parametrize(
+    "projection",
+    [
+        "+proj=tmerc +lat_0=52 +lon_0=10 +k=1 +x_0=500000 +y_0=0 +datum=WGS84 +units=m  +vunits=m +no_defs",
+        "+proj=tmerc +lat_0=52 +lon_0=9 +k=1 +x_0=0 +y_0=0 +ellps=bessel +towgs84=598.1,73.7,418.2 +units=m",
+        "+proj=merc +a=6378137 +b=6378137 +lat_ts=0 +lon_0=0 +units=m +nadgrids=@null +wktext +no_defs",
+        "+proj=utm +zone=33 +ellps=GRS80 +units=m +type=crs",
+    ],
+)
+def test_other_projections_than_utm_agree_with_sumos(tmp_path: Path, projection: str) -> None:
+    check_against_sumo(placed(tmp_path / "x.net.xml", projection), back_m=0.2 if "towgs84" in projection else 2e-3)
+
+
+def test_a_net_that_gets_another_projection_is_read_again(tmp_path: Path) -> None:
+    net = placed(tmp_path / "x.net.xml", "+proj=utm +zone=33")
+    first = read_projection(net).to_wgs84(0.0, 0.0)
+    assert read_projection(placed(net, "+proj=utm +zone=10")).to_wgs84(0.0, 0.0)[1] < first[1] - 90.0
 
 
 UTM = '<location netOffset="-300000.00,-5000000.00" convBoundary="0,0,1,1" projParameter="+proj=utm +zone=33 +south"/>'
@@ -220,15 +245,20 @@ def test_the_location_of_a_net_is_read_in_each_of_its_spellings(tmp_path: Path, 
     net, packed = tmp_path / "x.net.xml", tmp_path / "x.net.xml.gz"
     net.write_text(f"<net>{text}</net>")
     packed.write_bytes(gzip.compress(net.read_bytes()))
-    expected = Projection(zone=33, south=True, offset=(-300_000.0, -5_000_000.0))
-    assert (read_projection(net), read_projection(packed)) == (expected, expected)
+    found, same = read_projection(net), read_projection(packed)
+    assert found == same
+    assert found.offset == (-300_000.0, -5_000_000.0)
+    latitude, longitude = found.to_wgs84(200_000.0, 4_000_000.0)
+    assert (latitude, longitude) == pytest.approx((-9.0, 15.0), abs=0.1)  # 1,000 km south of the equator, mid-zone
 
 
 def test_nets_without_a_place_have_a_local_origin_and_broken_ones_are_refused(tmp_path: Path) -> None:
     net = tmp_path / "x.net.xml"
     net.write_text("<net></net>")
     assert read_projection(net) == Projection()
-    for number, text in enumerate([f"<net>{UTM.replace('-300000.00', 'west')}</net>", "<a></b>"]):
+    for number, text in enumerate(
+        [f"<net>{UTM.replace('-300000.00', 'west')}</net>", f"<net>{UTM.replace('utm', 'utn')}</net>", "<a></b>"]
+    ):
         broken = tmp_path / f"{number}.net.xml"
         broken.write_text(text)
         with pytest.raises(InvalidInputError, match="cannot read the location of network file"):
