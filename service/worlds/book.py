@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-import time
 from collections.abc import Callable
 from typing import Final
 
@@ -25,6 +24,7 @@ from dohyo.service.settings import Settings
 from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN
 from dohyo.service.storage.usage import check_bytes
+from dohyo.service.workers.loop_clock import LoopClock
 from dohyo.service.worlds import queries
 from dohyo.service.worlds.live.seat import Seat
 from dohyo.service.worlds.live.world import LiveWorld
@@ -55,10 +55,11 @@ class WorldBook:
         """Begins without worlds."""
         self.admission = asyncio.Lock()
         self._settings, self._database = settings, database
+        self._loop = LoopClock()
         self._live: dict[str, LiveWorld] = {}
         self._tasks: dict[str, asyncio.Task[Outcome]] = {}
         self._seats: dict[str, tuple[LiveWorld, Seat]] = {}
-        self._over: dict[str, float] = {}  # monotonic time of the end of worlds whose seats are still known
+        self._over: dict[str, float] = {}  # time of the loop at the end of worlds whose seats are still known
         self._always: list[asyncio.Task[None]] = []
         self._stopping = False
 
@@ -91,7 +92,8 @@ class WorldBook:
     async def _sweep(self) -> None:
         while True:
             await asyncio.sleep(SWEEP_S)
-            now = time.monotonic()
+            self._loop.tick()
+            now = self._loop.monotonic()
             for world in list(self._live.values()):
                 world.sweep()
                 if world.simulation.begun and now - world.heard > self._settings.world_idle_s and not world.ending:
@@ -124,7 +126,7 @@ class WorldBook:
         identifier = new_id("wo")
         process = EpisodeProcess(self._settings.policies, ENTRY)
         order = make_order(identifier)
-        world = self._live[identifier] = LiveWorld(identifier, owner, order, process, rules)
+        world = self._live[identifier] = LiveWorld(identifier, owner, order, process, rules, self._loop)
         added = asyncio.create_task(asyncio.to_thread(self._add, world, rules, request))
         try:
             before = await asyncio.shield(added)
@@ -222,7 +224,7 @@ class WorldBook:
             logger.exception("world %s: its end cannot be stored", world.id)
         finally:
             del self._live[world.id], self._tasks[world.id]
-            self._over[world.id] = time.monotonic()
+            self._over[world.id] = self._loop.monotonic()
             world.over(reason or "all egos have ended their drives")
         return outcome
 
@@ -243,7 +245,7 @@ class WorldBook:
         """A live world; `heard`: this counts as a request to it."""
         world = self._live.get(identifier)
         if world is not None and heard:
-            world.heard = time.monotonic()
+            world.heard = self._loop.monotonic()
         return world
 
     def end_later(self, world: LiveWorld, why: str) -> None:
@@ -280,7 +282,7 @@ class WorldBook:
         if world is None or seat is None or not secrets.compare_digest(seat.token.encode(), token.encode()):
             raise UnauthorisedError("expected the token of this seat; join the world again")
         if not seat.ended:
-            world.heard = time.monotonic()
+            world.heard = self._loop.monotonic()
         return world, seat
 
     def token_ids(self) -> set[str]:

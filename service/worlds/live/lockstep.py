@@ -1,7 +1,7 @@
 """Lockstep: when the next tick of a world begins.
 
 A tick begins once every seat has decided, and in real time once its time has come. A decision that is overdue is
-repeated from the tick before, or costs the seat.
+repeated from the tick before, or costs the seat. For decisions, the time in which the service stands still is no time.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dohyo.service.errors import ConflictError
 from dohyo.service.simulating.actors import WorldActors
 from dohyo.service.simulating.order import WorldRules
 from dohyo.service.simulating.shown import Decided
+from dohyo.service.workers.loop_clock import LoopClock
 from dohyo.service.worlds.live.clock import Clock, ObeyedSteps, Pace
 from dohyo.service.worlds.live.seat import Seat
 from dohyo.service.worlds.live.seats import Seats
@@ -29,8 +30,11 @@ class Lockstep:
         deadline_s: Time for one decision, s.
     """
 
-    def __init__(self, simulation: Simulation, seats: Seats, actors: WorldActors, rules: WorldRules) -> None:
+    def __init__(
+        self, simulation: Simulation, seats: Seats, actors: WorldActors, rules: WorldRules, loop: LoopClock
+    ) -> None:
         """Begins in a world that waits for its drivers."""
+        self._loop = loop
         self.status, self.clock, self.deadline_s = WorldStatus.WAITING, Clock(rules.pace, rules.speed), rules.deadline_s
         self._simulation, self._seats, self._actors, self._late = simulation, seats, actors, rules.late
         self._allowed, self._obeyed = 0, ObeyedSteps()
@@ -40,6 +44,15 @@ class Lockstep:
     def goes_on(self) -> bool:
         """Whether the world ticks whenever all have decided."""
         return (self.status is WorldStatus.RUNNING or self._allowed > 0) and bool(self._simulation.driving)
+
+    @property
+    def ends_alone(self) -> bool:
+        """Whether the world goes on without seats, until the egos that nobody drives have ended their drives."""
+        return self.goes_on and self._seats.drove_all
+
+    def due(self) -> float:
+        """When a decision is due whose observations are shown now, in the loop's monotonic time."""
+        return self._loop.monotonic() + self.deadline_s
 
     # Control
 
@@ -95,7 +108,7 @@ class Lockstep:
     def renew(self) -> None:
         """Decisions are due from now on: while a world stands still, nobody is late."""
         self.clock.restart()
-        self._seats.renew(time.monotonic() + self.deadline_s)
+        self._seats.renew(self.due())
 
     def advance(self) -> None:
         """Begins the next tick if nothing holds it."""
@@ -109,8 +122,8 @@ class Lockstep:
         """Whether the decisions are there, or in real time the tick's time has come."""
         silent = self._seats.silent
         if not self.clock.realtime:
-            # A world without drivers stands still, and ends after its idle time.
-            return not silent and bool(self._seats or self._allowed)
+            # A world that its drivers have left stands still, and ends after its idle time.
+            return not silent and bool(self._seats or self._allowed or self._seats.drove_all)
         if any(seat.last is None for seat in silent):
             self.clock.restart()  # a first decision is waited for
             return False
@@ -127,7 +140,7 @@ class Lockstep:
         self._timer = asyncio.get_running_loop().call_later(wait_s, self.advance)
 
     def repeat_late(self, now: float) -> list[Seat]:
-        """Repeats decisions that are overdue at a monotonic time; returns the seats that lose their places instead."""
+        """Repeats decisions that are overdue at a time of the loop; returns the seats that end instead."""
         if not self._simulation.is_shown:
             # A world that is slower than its pace is always at a tick.
             return [one for one in self._seats if self.clock.realtime and one.repeated and now > one.due]

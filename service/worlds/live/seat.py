@@ -61,7 +61,7 @@ class Seat:
         repeated: Whether the decision before this one was a repetition.
         answered: Tick that `reply` answers; -1: none.
         reply: Last reply, for repeated requests.
-        due: Monotonic time by which its decision is due.
+        due: Time of the loop by which its decision is due.
         missed: Ticks that repeated its last decision.
         clipped: Actions with a value out of range.
         waiting: Requests that wait for the reply to `tick`.

@@ -15,7 +15,11 @@ MOST_WITHOUT_EGOS = 8
 
 
 class Seats:
-    """The seats of a world, in the order in which they were taken."""
+    """The seats of a world, in the order in which they were taken.
+
+    Attributes:
+        drove_all: Whether the last seat ended since the drives of its egos have. The other egos then end theirs.
+    """
 
     def __init__(self, egos: Sequence[str]) -> None:
         """Begins with none.
@@ -25,6 +29,7 @@ class Seats:
         """
         self._egos = tuple(egos)
         self._seats: dict[str, Seat] = {}
+        self.drove_all = False
 
     def __len__(self) -> int:
         return len(self._seats)
@@ -35,12 +40,19 @@ class Seats:
 
     def add(self, seat: Seat) -> None:
         """Adds a seat, or keeps it."""
-        self._seats[seat.id] = seat
+        self._seats[seat.id], self.drove_all = seat, False
 
-    def remove(self, seat: Seat, why: str) -> None:
-        """Removes a seat, if it is there, and tells it why."""
+    def remove(self, seat: Seat, why: str, *, driven: bool = False) -> None:
+        """Removes a seat, if it is there, and tells it why; `driven`: its egos have ended their drives."""
         self._seats.pop(seat.id, None)
+        self.drove_all = driven and not self._seats
         seat.end(why)
+
+    def restart(self) -> None:
+        """The world begins anew: nothing is decided, and without seats it stands still."""
+        self.drove_all = False
+        for seat in self:
+            seat.restart()
 
     def named(self, name: str) -> Seat | None:
         """The seat of a worker."""
@@ -67,7 +79,7 @@ class Seats:
         return {ego: action for ego, action in decided.items() if ego in driving}
 
     def renew(self, due: float) -> None:
-        """All decisions are due at a monotonic time."""
+        """All decisions are due at a time of the loop."""
         for seat in self:
             seat.due = due
 

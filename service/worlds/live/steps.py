@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 
 import msgspec
 from msgspec import UNSET
@@ -70,7 +69,7 @@ class Steps:
         elif seat.repeated:
             self._change_actors(seat, step)
         if realtime:  # also where the repetition of its last decision is being driven
-            seat.due = time.monotonic() + self._lockstep.deadline_s
+            seat.due = self._lockstep.due()
         return await self._next(seat)
 
     async def _next(self, seat: Seat) -> WorldReply:

@@ -12,6 +12,7 @@ from dohyo.service.running.process import EpisodeProcess
 from dohyo.service.simulating.actors import ActorChange, WorldActors
 from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.spectating.broadcast import Broadcast
+from dohyo.service.workers.loop_clock import LoopClock
 from dohyo.service.worlds.live.guests import Guests
 from dohyo.service.worlds.live.lockstep import Lockstep
 from dohyo.service.worlds.live.seat import Seat
@@ -36,20 +37,27 @@ class LiveWorld:
         simulation: Its process, and the tick that it has shown last.
         lockstep: Its status and pace: when its ticks begin.
         steps: What its workers decide, and are answered.
-        heard: Monotonic time of the last request, or when it ran in real time before spectators.
+        heard: Time of the loop at the last request, or when it ran in real time before spectators, or to its end.
         ending: Why it was ended; "" while it goes on.
         audience: Its spectators.
     """
 
     def __init__(
-        self, identifier: str, owner: str, order: WorldOrder, process: EpisodeProcess, rules: WorldRules
+        self,
+        identifier: str,
+        owner: str,
+        order: WorldOrder,
+        process: EpisodeProcess,
+        rules: WorldRules,
+        loop: LoopClock,
     ) -> None:
         self.id, self.owner, self.order = identifier, owner, order
-        self.heard, self.ending = time.monotonic(), ""
+        self._loop = loop
+        self.heard, self.ending = loop.monotonic(), ""
         egos = [mission.name for mission in order.scenario.missions]
         self.actors, self.guests, self.seats = WorldActors(), Guests(), Seats(egos)
         self.simulation = Simulation(process, egos, order.scenario.seed)
-        self.lockstep = Lockstep(self.simulation, self.seats, self.actors, rules)
+        self.lockstep = Lockstep(self.simulation, self.seats, self.actors, rules, loop)
         self._broadcast = Broadcast(process.send, MOST_SPECTATORS)
         self.audience, self._plans = self._broadcast.audience, self._broadcast.plans
         rewarded = order.reward is not None
@@ -76,8 +84,7 @@ class LiveWorld:
         self.simulation.check_begun()
         self.actors.clear()
         self._plans.forget(self.seats.drivers)
-        for seat in self.seats:
-            seat.restart()
+        self.seats.restart()
         self.lockstep.restart()
         self.simulation.restart(seed)
         await self.simulation.wait()
@@ -106,7 +113,7 @@ class LiveWorld:
         self.simulation.check_begun()
         before = self.seats.named(seat.spec.name)
         self.seats.check_free(seat, before, self.simulation.driving)
-        seat.begin(self.simulation.tick, self.simulation.shown_resets, time.monotonic() + SHOW_S)
+        seat.begin(self.simulation.tick, self.simulation.shown_resets, self._loop.monotonic() + SHOW_S)
         if before is not None and before.is_like(seat):
             seat.take_over(before)
             self.seats.remove(before, "its worker joined again")
@@ -121,8 +128,7 @@ class LiveWorld:
         self.seats.add(seat)
         await self.simulation.wait()
         seat.refuse_ended()
-        due = time.monotonic() + self.lockstep.deadline_s
-        seat.begin(self.simulation.tick, self.simulation.shown_resets, due)
+        seat.begin(self.simulation.tick, self.simulation.shown_resets, self.lockstep.due())
         all_driven = self.seats.drivers.keys() >= set(self.simulation.driving)
         if self.lockstep.status is WorldStatus.WAITING and all_driven:
             self.lockstep.resume()
@@ -160,7 +166,7 @@ class LiveWorld:
         if news is None:
             return
         if news.first:
-            self.heard = time.monotonic()
+            self.heard = self._loop.monotonic()
             self._broadcast.begin()
             if self.ending:  # before it had begun
                 self.end(self.ending)
@@ -176,19 +182,19 @@ class LiveWorld:
         reply = self.steps.reply_to(seat)
         if ticked:
             if not self.lockstep.clock.realtime:
-                seat.due = time.monotonic() + self.lockstep.deadline_s
+                seat.due = self.lockstep.due()
             seat.show(reply)
         if reply.done and not self.order.stays:
-            self.seats.remove(seat, "all of its egos have ended their drives")
+            self.seats.remove(seat, "all of its egos have ended their drives", driven=True)
 
     def sweep(self) -> None:
         """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""
         self._tell_state()
-        now = time.monotonic()
-        self.audience.beat(now)
+        self.audience.beat(time.monotonic())
         if not self.lockstep.goes_on:
             return
-        if self.lockstep.clock.realtime and self.audience.watching:
+        now = self._loop.monotonic()
+        if self.lockstep.ends_alone or (self.lockstep.clock.realtime and self.audience.watching):
             self.heard = now
         for seat in self.lockstep.repeat_late(now):
             self.leave(seat, f"no decision came in {self.lockstep.deadline_s:g} s")

@@ -14,6 +14,7 @@ from dohyo.service.running.process import EpisodeProcess
 from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.simulating.shown import SHOWN, Decided
 from dohyo.service.wire.messages import Format
+from dohyo.service.workers.loop_clock import LoopClock
 from dohyo.service.worlds.bodies import WorldReply, WorldStep
 from dohyo.service.worlds.live.seat import Seat
 from dohyo.service.worlds.live.world import LiveWorld
@@ -44,7 +45,7 @@ class ScriptedWorld(LiveWorld):
         self.process = ScriptedProcess()
         given = {"deadline_s": 60.0, "late": "repeat", "pace": "lockstep", "speed": 1.0} | rules
         order = WorldOrder(name="world", scenario=scenario(1))
-        super().__init__("world", "lab", order, self.process, WorldRules.model_validate(given))
+        super().__init__("world", "lab", order, self.process, WorldRules.model_validate(given), LoopClock())
 
     def show(self, tick: int, x_m: float = 0.0) -> None:
         """The process shows a tick, with the present drivers."""

@@ -66,6 +66,20 @@ def test_three_workers_drive_as_one_process_would_also_after_kill_9(client: Clie
     assert client.send("GET", f"/v1/worlds/{world}/record").status_code == 404
 
 
+def test_egos_without_drivers_end_their_drives_after_the_last_worker_has(client: Client) -> None:
+    world = client.world(scenario=scenario(2).model_dump(mode="json"), record=True)
+    process = worker(client, world, "front")
+    client.order(world, "resume")
+    assert process.wait(PATIENCE_S) == 0
+    ended = client.until(world, lambda found: found["finished"] is not None)
+    assert (ended["status"], ended["reason"]) == ("done", None)
+    record = client.send("GET", f"/v1/worlds/{world}/record").json()
+    assert [(ego["agent"]["name"], ego["status"]) for ego in record["egos"]] == [
+        ("driver-front", "perfect"),
+        ("autopilot", "perfect"),
+    ]
+
+
 def test_late_gone_and_doubled_drivers(client: Client) -> None:
     world = client.world(deadline_s=2, late="leave", undriven="stand", record=True)
     front, rest = client.seat(world, "a", "front"), client.seat(world, "b", "middle", "back")
