@@ -64,7 +64,10 @@ class ParkingAgent(Protocol):
         ...
 
     def look(self, lot: LotView, number: int) -> None:
-        """Shows a privileged agent the lot and the number of its kart, before each decision."""
+        """Shows a privileged agent the lot and the number of its kart, before each decision.
+
+        The arrays of the lot are read-only copies.
+        """
 
     def close(self) -> None:
         """Frees the resources of the agent."""

@@ -91,7 +91,7 @@ def drive_lot(
         if deciding:
             show(len(motion) - 1, {driver.number: driver.observation(world) for driver in deciding})
         for driver in deciding:
-            actions[0, driver.number] = driver.action(world)
+            actions[0, driver.number] = driver.action(world, len(motion) - 1)
         if all(drivers[number].failure for number in np.flatnonzero(running)):
             break
         world.step(actions)
@@ -118,10 +118,10 @@ def _places(world: ParkingWorld) -> Float32Array:
 
 
 class _Driver:
-    """An agent in its kart; it answers with full brake once it has failed."""
+    """An agent in its kart; it answers with full brake once it has failed, in the tick `failed_at`."""
 
     def __init__(self, agent: ParkingAgent, number: int, seed: int, limit: Limit) -> None:
-        self.agent, self.number, self.failure = agent, number, ""
+        self.agent, self.number, self.failure, self.failed_at = agent, number, "", 0
         self._columns: IntArray = columns(agent.spec.state)
         self._limit = limit
         try:
@@ -134,19 +134,22 @@ class _Driver:
         """Columns of the present observation that the agent sees."""
         return np.asarray(world.observations[0, self.number, self._columns])
 
-    def action(self, world: ParkingWorld) -> FloatArray:
-        """(3,) the agent's action for the present observation."""
+    def action(self, world: ParkingWorld, tick: int) -> FloatArray:
+        """(3,) the agent's action for the present observation, that of a tick."""
+        self.failed_at = tick
         try:
             with self._limit("act", self.number, self.agent):
                 if self.agent.spec.track == "privileged":
-                    self.agent.look(world.view(0), self.number)
+                    self.agent.look(world.view(0).frozen(), self.number)
                 given = self.agent.act(self.observation(world))
-            action = np.asarray(given, np.float64)
+            whole = np.asarray(given)
+            action = np.asarray(whole.real, np.float64)
         except RAISED as error:
             self.failure = self._failure("act", error)
             return _FULL_BRAKE
-        if action.shape != (3,) or not np.isfinite(action).all():
-            self.failure = f"expected 3 finite numbers as action, got shape {action.shape}: {given!r:.60}"
+        if action.shape != (3,) or not np.isfinite(action).all() or np.iscomplexobj(whole):
+            what = "complex numbers" if np.iscomplexobj(whole) else f"shape {action.shape}"
+            self.failure = f"expected 3 finite numbers as action, got {what}: {given!r:.60}"
             return _FULL_BRAKE
         return action
 
@@ -161,11 +164,12 @@ class _Driver:
 
 def _record(world: ParkingWorld, driver: _Driver) -> KartRecord:
     results, at = world.results(), (0, driver.number)
+    time_s = driver.failed_at * kart.TICK_S if driver.failure else float(results.time_s[at])
     ending: Ending = "failed" if driver.failure else _ENDINGS[Outcome(int(results.outcome[at]))]
     return KartRecord(
         ending=ending,
         aligned=bool(results.aligned[at]) and not driver.failure,
-        time_s=round(float(results.time_s[at]), _DECIMALS),
+        time_s=round(time_s, _DECIMALS),
         inclination_deg=round(math.degrees(float(results.inclination_rad[at])), _DECIMALS),
         deviation_m=round(float(results.deviation_m[at]), _DECIMALS),
         distance_m=round(float(results.distance_m[at]), _DECIMALS),

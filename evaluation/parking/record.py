@@ -28,7 +28,7 @@ class KartRecord(Config):
     Attributes:
         ending: How it ended: parked; in contact; out of time; or the agent failed as a program.
         aligned: Whether it parked within 3 degrees and 0.2 m of its spot's axis (ISO 16787).
-        time_s: Time until then, s.
+        time_s: Time until then, s; the kart of an agent that failed brakes from then on.
         inclination_deg: Angle between the axes of kart and spot at the end.
         deviation_m: Distance of the kart's centre to the spot's axis at the end.
         distance_m: Distance of the kart's centre to the spot's centre at the end.

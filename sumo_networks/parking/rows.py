@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.parking import kart
@@ -42,6 +42,13 @@ class LotView:
     walkers: FloatArray
     karts: FloatArray
     counts: IntArray
+
+    def frozen(self) -> LotView:
+        """A copy that does not change and cannot be written to."""
+        copies = {one.name: getattr(self, one.name).copy() for one in fields(self)}
+        for rows in copies.values():
+            rows.flags.writeable = False
+        return LotView(**copies)
 
 
 def write_lot(lot: int, given: Lot, tables: Tables) -> None:
