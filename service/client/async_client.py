@@ -40,9 +40,10 @@ from dohyo.service.client.answers import (
 )
 from dohyo.service.client.calls import ENDED, Call, Document, headers_of, path_of, remote_of, versions_like
 from dohyo.service.client.downloads import Download, check_size
-from dohyo.service.client.errors import ServiceError, check
+from dohyo.service.client.errors import HTML, ForeignAnswerError, ServiceError, check, document_of
 from dohyo.service.client.events import HEARTBEAT_S, MEDIA_TYPE, SILENCE_S, Event, EventParser
 from dohyo.service.client.worker_session import WorkerSession
+from dohyo.service.wire.foreign import media_type
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
@@ -50,7 +51,6 @@ TIMEOUT_S = 60.0
 PATIENCE_S = 120.0  # as a worker has: a restart of the service with all that it loads
 T = TypeVar("T")
 POLL_S = 1.0
-AWAY = (502, 503, 504)  # answers for a service that is busy or starts again
 
 
 class AsyncClient:
@@ -70,6 +70,7 @@ class AsyncClient:
                 too.
         """
         self._url, self._token, self._patience_s = url, token, patience_s
+        self._known = False  # whether a service has answered
         self._http = httpx.AsyncClient(base_url=url, headers=headers_of(token), timeout=timeout_s)
 
     async def close(self) -> None:
@@ -314,19 +315,20 @@ class AsyncClient:
 
     async def _json(self, kind: type[T], call: Call) -> T:
         """Document of an answer, which is of this kind; where the answer is a job, waits for its end."""
-        answer = await self._send(call)
+        answer, document = await self._send(call)
         while answer.status_code == httpx.codes.ACCEPTED:
-            path = path_of("jobs", answer.headers["location"].rpartition("/")[2])  # never another server's address
+            place = answer.headers.get("location", "").rpartition("/")[2]
+            path = path_of("jobs", place)  # never another server's address
             job = await self._wait(path, f"{path}/events", None)
             if job["status"] != "done":
                 raise ServiceError.of_job(job)
             if call.method != "GET":
                 return cast(T, job["answer"])
-            answer = await self._send(call)  # the job has made what was asked for
-        return cast(T, answer.json())
+            answer, document = await self._send(call)  # the job has made what was asked for
+        return cast(T, document)
 
-    async def _send(self, call: Call) -> httpx.Response:
-        """Answer to a request."""
+    async def _send(self, call: Call) -> tuple[httpx.Response, Any]:
+        """Answer to a request, and its document."""
         until = time.monotonic() + self._patience_s
         while True:
             try:
@@ -346,17 +348,22 @@ class AsyncClient:
     async def _pause(self, call: Call, error: ServiceError, until: float) -> None:
         """Waits before a request is sent again; raises the error where that would be in vain or too late."""
         # 429 is a refusal before any work; a proxy's 502 to 504 may follow it, so an order is not repeated.
-        away = error.status in AWAY and call.method == "GET"
+        away = error.away and call.method == "GET"
         pause_s = POLL_S if away and error.retry_s is None else error.retry_s
         if not (away or error.status == 429) or pause_s is None or time.monotonic() + pause_s > until:
             raise error
         await asyncio.sleep(pause_s)
 
-    async def _request(self, call: Call) -> httpx.Response:
+    async def _request(self, call: Call) -> tuple[httpx.Response, Any]:
+        """Answer to a request, asked for once, and its document; None where it has none."""
         try:
-            return check(await self._http.request(**call.arguments()))
+            answer = check(await self._http.request(**call.arguments()), self._url)
         except httpx.HTTPError as error:
             raise ServiceError.unreachable(self._url, error) from error
+        empty = answer.status_code == httpx.codes.NO_CONTENT
+        document = None if empty else document_of(answer, self._url, known=self._known)
+        self._known = True
+        return answer, document
 
     async def _receive(self, call: Call, limit_bytes: int) -> tuple[bytes, httpx.Headers]:
         content = bytearray()
@@ -364,7 +371,9 @@ class AsyncClient:
             async with self._http.stream(**call.arguments()) as response:
                 if not response.is_success:
                     await response.aread()
-                check(response)
+                check(response, self._url)
+                if (sent := media_type(response.headers.get("content-type"))) == HTML:
+                    raise ForeignAnswerError(self._url, sent, known=self._known)
                 async for chunk in response.aiter_bytes():
                     content += chunk
                     check_size(content, limit_bytes, call)
@@ -422,8 +431,7 @@ class AsyncClient:
 
     async def _asked(self, path: str) -> Document:
         """Document of a path, asked for once."""
-        answer = await self._request(Call("GET", path))
-        return cast(Document, answer.json())
+        return cast(Document, (await self._request(Call("GET", path)))[1])
 
     async def _events(self, path: str, parser: EventParser, ends: float) -> AsyncGenerator[Event, None]:
         """Events of a stream until it closes, is silent for too long, or a time limit is near."""
@@ -432,7 +440,7 @@ class AsyncClient:
             async with self._http.stream("GET", path, headers=parser.headers, timeout=timeout) as response:
                 if not response.is_success:
                     await response.aread()
-                if not check(response).headers.get("content-type", "").startswith(MEDIA_TYPE):
+                if not check(response, self._url).headers.get("content-type", "").startswith(MEDIA_TYPE):
                     return
                 async for line in response.aiter_lines():
                     event = parser.feed(line)

@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from http.client import HTTPConnection, HTTPException, HTTPSConnection
+from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from types import TracebackType
 from typing import Any, Literal, Self
 from urllib.parse import urlsplit
@@ -27,6 +27,7 @@ from urllib.parse import urlsplit
 import msgspec
 import numpy as np
 
+from dohyo.service.wire.foreign import Answer, media_type, redirection, told
 from dohyo.service.wire.messages import Format, arrays, decode, encode, pack
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.scenario import Mission
@@ -37,6 +38,7 @@ REPLY_S = 150.0  # a tick of a large network may be slow
 IDLE_S = 30.0  # well below the time after which the service closes a connection that nobody uses
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 LONGEST_TEXT = 500
+NO_CONTENT = 204
 PASSING = (429, 500, 502, 503, 504)
 """Refusals that end by themselves; a proxy answers with 502 or 504 while the service behind it restarts."""
 UNTOLD = {"start": {"lane": "untold"}, "goal": {"lane": "untold"}}
@@ -69,6 +71,10 @@ class UnknownWorkerError(WireError):
 
 class UnreachableError(DohyoError):
     """No service answers at the address."""
+
+
+class ForeignAnswerError(UnreachableError):
+    """Something else than a dohyo service answers at the address, such as a proxy while the service restarts."""
 
 
 def passes(error: UnreachableError | WireError) -> bool:
@@ -154,6 +160,7 @@ class Connection:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise InvalidInputError(f"expected the service's address, such as http://127.0.0.1:8000, got '{url}'")
+        self._url = url
         self._secure, self._host, self._port = parts.scheme == "https", parts.hostname, parts.port
         self._prefix, self._timeout_s = parts.path.rstrip("/"), timeout_s
         self._connection: HTTPConnection | None = None
@@ -202,7 +209,8 @@ class Connection:
         """The answer to the request that was sent; None for an empty one.
 
         Raises:
-            WireError: The service refuses.
+            WireError: The service refuses, or another address is told.
+            ForeignAnswerError: Something else than a service answers.
             UnreachableError: The connection failed, before or after the service had read the request.
         """
         assert self._connection is not None
@@ -211,8 +219,23 @@ class Connection:
             body = response.read()
         self._used = time.monotonic()
         if response.status >= 400:
-            raise _refusal(response.status, body, response.getheader("retry-after"))
-        return decode(body, Format(response.getheader("content-type", Format.MSGPACK.value))) if body else None
+            raise _refusal(self._url, response, body)
+        if response.status >= 300:
+            raise WireError(response.status, told(self._url, redirection(response.getheader("location"))))
+        return self._document(body, response.getheader("content-type")) if response.status != NO_CONTENT else None
+
+    def _document(self, body: bytes, content_type: str | None) -> Any:
+        sent = media_type(content_type) or Format.MSGPACK.value
+        try:
+            document = decode(body, Format(sent))
+        except InvalidInputError:
+            raise self._foreign(f"{sent} that cannot be read") from None
+        except ValueError:
+            raise self._foreign(sent) from None
+        return Answer(document, self._foreign) if isinstance(document, dict) else document
+
+    def _foreign(self, sent: str) -> ForeignAnswerError:
+        return ForeignAnswerError(told(self._url, sent))
 
     @contextmanager
     def _one_answer(self) -> Iterator[None]:
@@ -399,11 +422,14 @@ class Pauses:
         self._seconds = FIRST_PAUSE_S
 
 
-def _refusal(status: int, body: bytes, retry_after: str | None) -> WireError:
+def _refusal(url: str, response: HTTPResponse, body: bytes) -> WireError:
     try:
         document = msgspec.json.decode(body)
         detail = str(document["detail"])
     except (msgspec.DecodeError, KeyError, TypeError):
-        detail = body[:200].decode(errors="replace") or "no reason given"
+        sent = media_type(response.getheader("content-type"))
+        text = body[:200].decode(errors="replace") or "no reason given"
+        detail = told(url, sent) if sent == "text/html" else text
+    retry_after = response.getheader("retry-after")
     retry_s = float(retry_after) if retry_after is not None and retry_after.isdigit() else None
-    return _ERRORS.get(status, WireError)(status, detail, retry_s)
+    return _ERRORS.get(response.status, WireError)(response.status, detail, retry_s)

@@ -61,7 +61,8 @@ class Scripted(BaseHTTPRequestHandler):
         text = isinstance(answer.body, str)
         content = (answer.body if text else json.dumps(answer.body)).encode()  # type: ignore[union-attr]
         self.send_response(answer.status)
-        self.send_header("content-type", "text/event-stream" if text else "application/json")
+        if "content-type" not in answer.headers:
+            self.send_header("content-type", "text/event-stream" if text else "application/json")
         self.send_header("content-length", str(len(content)))
         for name, value in answer.headers.items():
             self.send_header(name, value)
