@@ -12,14 +12,16 @@ from pettingzoo import ParallelEnv
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.envs.env_rows import checked_actions
+from dohyo.sumo_networks.envs.env_rows import checked_actions, checked_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import Scene
+from dohyo.sumo_networks.parking.limits import MAX_KARTS, most_karts
 from dohyo.sumo_networks.parking.lot import Lot
 from dohyo.sumo_networks.parking.observation import State, action_space, columns, observation_space
 from dohyo.sumo_networks.parking.picture import draw_picture
 from dohyo.sumo_networks.parking.rules import ALIGNED, Outcome, Rules
 from dohyo.sumo_networks.parking.world import ParkingWorld
+from dohyo.sumo_networks.seeds import SEEDS
 
 Observations = dict[str, Float32Array]
 Infos = dict[str, dict[str, Any]]
@@ -61,7 +63,7 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
         """
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError(f"expected render_mode 'rgb_array' or None, got {render_mode!r}")
-        self.world = ParkingWorld(1, len(scene.karts) if isinstance(scene, Lot) else karts)
+        self.world = ParkingWorld(1, len(scene.karts) if isinstance(scene, Lot) else _checked_karts(karts, scene))
         self.render_mode, self._scene, self._rules, self._state = render_mode, scene, rules, state
         self._columns, self._rng = columns(state), np.random.default_rng()
         self.possible_agents = [f"kart-{number}" for number in range(self.world.karts)]
@@ -83,8 +85,12 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
         Args:
             seed: Of the lot; None: another lot each time.
             options: None are known.
+
+        Raises:
+            InvalidInputError: The seed is no whole number from 0 to 2^31 - 1; nothing has changed then.
         """
         if seed is not None:
+            seed = _episode_seed(seed)
             self._rng = np.random.default_rng(seed)
         if isinstance(self._scene, Lot):
             self.world.place(0, self._scene, self._rules)
@@ -145,6 +151,21 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
     def _observations(self, agents: list[str]) -> Observations:
         seen = self.world.observations[0][:, self._columns]
         return {agent: seen[self._number(agent)] for agent in agents}
+
+
+def _episode_seed(seed: object) -> int:
+    """As that of `dohyo.sumo_networks.envs.options`, which loads SUMO's reader of networks."""
+    if (checked := checked_seed(seed)) >= SEEDS:
+        raise InvalidInputError(f"expected a seed, a whole number from 0 to {SEEDS - 1}, got {seed!r}")
+    return checked
+
+
+def _checked_karts(karts: object, scene: Scene) -> int:
+    most = most_karts(scene.name.lower())
+    if isinstance(karts, bool) or not isinstance(karts, int | np.integer) or not 1 <= karts <= most:
+        others = "" if most == MAX_KARTS else f" in the scene '{scene.name.lower()}'"
+        raise InvalidInputError(f"expected 1 to {most} karts{others}, got {karts!r}")
+    return int(karts)
 
 
 def _checked(agent: str, actions: dict[str, NDArray[Any]]) -> NDArray[Any]:

@@ -184,21 +184,44 @@ def _draw_starts(
     state: NDArray[np.uint64], lot: int, tables: Tables, starts: FloatArray, width: float, depth: float
 ) -> None:
     """Draws starts in the south of the lot, in contact with no box, and with room to drive off forwards."""
-    body = np.empty((1, STORED))
     for number in range(starts.shape[0]):
         start = starts[number]
         for _ in range(TRIES):
             start[0] = _uniform(state, -width / 2 + 3.0, width / 2 - 3.0)
             start[1] = _uniform(state, -depth / 2 + 2.5, -depth / 2 + 8.0)
             start[2] = _uniform(state, -math.pi, math.pi)
-            ahead_x, ahead_y = start[0] + 3.0 * math.cos(start[2]), start[1] + 3.0 * math.sin(start[2])
-            is_roomy = _apart(starts, number) and _wall_distance(lot, tables, ahead_x, ahead_y) > 3.5
-            store_box(body, 0, start[0], start[1], start[2], kart.LENGTH_M, kart.WIDTH_M)
-            if is_roomy and not _touches_box(lot, tables, body):
+            if _is_roomy(lot, tables, starts, number):
                 break
         else:
-            # Side by side with heading north, which always fits.
             start[0], start[1], start[2] = -width / 4 + 5.0 * number, -depth / 2 + 4.0, math.pi / 2
+            if abs(start[0]) > width / 2 - 3.0 or not _is_roomy(lot, tables, starts, number):
+                _find_start(lot, tables, starts, number, width, depth)
+
+
+@njit(cache=True)
+def _find_start(lot: int, tables: Tables, starts: FloatArray, number: int, width: float, depth: float) -> None:
+    """Gives a kart the first roomy place with heading north on a grid of a metre, row by row from the south-west.
+
+    Up to 8 karts leave such a place in every lot, and no number is drawn.
+    """
+    start = starts[number]
+    for row in range(int(depth - 5.0)):
+        for column in range(int(width - 6.0)):
+            start[0], start[1] = -width / 2 + 3.0 + column, -depth / 2 + 2.5 + row
+            if _is_roomy(lot, tables, starts, number):
+                return
+
+
+@njit(cache=True)
+def _is_roomy(lot: int, tables: Tables, starts: FloatArray, number: int) -> bool:
+    """Whether a start inside the walls touches no box, is apart from those before it, and has room ahead."""
+    x, y, heading = starts[number]
+    ahead_x, ahead_y = x + 3.0 * math.cos(heading), y + 3.0 * math.sin(heading)
+    if not (_apart(starts, number) and _wall_distance(lot, tables, ahead_x, ahead_y) > 3.5):
+        return False
+    body = np.empty((1, STORED))
+    store_box(body, 0, x, y, heading, kart.LENGTH_M, kart.WIDTH_M)
+    return not _touches_box(lot, tables, body)
 
 
 @njit(cache=True)

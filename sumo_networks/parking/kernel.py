@@ -74,7 +74,8 @@ def begin(lot: int, starts: FloatArray, tables: Tables) -> None:
         walkers[row, WAITED] = 0.0
     tables.lots[lot, TICK] = 0
     for row in range(lot * size, lot * size + starts.shape[0]):
-        _choose_target(lot, row, size, tables.spots, tables.lots[lot, SPOTS], karts, counts)
+        for even_taken in (True, False):
+            _choose_target(lot, row, size, tables.spots, tables.lots[lot, SPOTS], karts, counts, even_taken)
 
 
 @njit(cache=True)
@@ -364,21 +365,28 @@ def _keep_or_change_target(
     if counts[row, OUTCOME] != _RUNNING or _inside(spots, target, karts, row):
         return
     if _taken(spots, target, karts, row, size, counts):
-        _choose_target(lot, row, size, spots, count, karts, counts)
+        _choose_target(lot, row, size, spots, count, karts, counts, False)
 
 
 @njit(cache=True)
 def _choose_target(
-    lot: int, row: int, size: int, spots: FloatArray, count: int, karts: FloatArray, counts: IntArray
+    lot: int,
+    row: int,
+    size: int,
+    spots: FloatArray,
+    count: int,
+    karts: FloatArray,
+    counts: IntArray,
+    even_taken: bool,
 ) -> None:
-    """Gives a kart the nearest spot in which nothing stands and no other kart is; without one it keeps its spot."""
+    """Gives a kart the nearest spot in which nothing stands, nor a kart unless `even_taken`; else it keeps its own."""
     nearest = math.inf
     for index in range(count):
         spot = lot * MAX_SPOTS + index
         distance = math.hypot(spots[spot, 0] - karts[row, kart.X], spots[spot, 1] - karts[row, kart.Y])
         if spots[spot, FREE] == 0.0 or distance >= nearest:
             continue
-        if not _taken(spots, spot, karts, row, size, counts):
+        if even_taken or not _taken(spots, spot, karts, row, size, counts):
             nearest, counts[row, TARGET], counts[row, HELD] = distance, index, 0
 
 

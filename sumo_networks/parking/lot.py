@@ -23,9 +23,12 @@ from dohyo.sumo_networks.parking.limits import MAX_BOXES, MAX_KARTS, MAX_PEDESTR
 TIME_LIMIT_S = 60.0
 _SHARED_LINE_M = 0.02
 """Spots side by side share a line; they overlap if they share more than this."""
+_WALL_MARGIN_M = 0.1
+"""A wall along an edge of a spot may be so far inside it."""
 
 Size = Annotated[float, Field(gt=0, le=100)]
-Coordinate = Annotated[float, Field(ge=-200, le=200)]
+Coordinate = Annotated[float, Field(ge=-160, le=160)]
+"""As far as columns of an observation reach, see `dohyo.sumo_networks.parking.observation`."""
 
 
 class SpotKind(StrEnum):
@@ -91,7 +94,7 @@ class Block(OrientedBox):
 
 
 class Spot(OrientedBox):
-    """A parking spot: a painted rectangle. It is taken if a parked car overlaps it.
+    """A parking spot: a painted rectangle in which a kart fits. It is taken if a car, a block or a wall is in it.
 
     Attributes:
         kind: How it lies beside its lane.
@@ -137,7 +140,7 @@ class Lot(Config):
         spots: Spots, with the taken ones.
         pedestrians: Pedestrians.
         karts: Start of each kart, at rest.
-        time_limit_s: Time in which every kart must park.
+        time_limit_s: Time in which every kart must park, 0.1 to 600 s; rounded to ticks of 0.1 s.
     """
 
     walls: Annotated[tuple[Wall, ...], Field(max_length=MAX_WALLS)] = ()
@@ -146,7 +149,7 @@ class Lot(Config):
     spots: Annotated[tuple[Spot, ...], Field(max_length=MAX_SPOTS)]
     pedestrians: Annotated[tuple[Pedestrian, ...], Field(max_length=MAX_PEDESTRIANS)] = ()
     karts: Annotated[tuple[Pose, ...], Field(min_length=1, max_length=MAX_KARTS)]
-    time_limit_s: Annotated[float, Field(gt=0, le=600)] = TIME_LIMIT_S
+    time_limit_s: Annotated[float, Field(ge=kart.TICK_S, le=600)] = TIME_LIMIT_S
 
     @model_validator(mode="after")
     def _can_be_driven(self) -> Lot:
@@ -165,19 +168,29 @@ class Lot(Config):
 
     @property
     def free_spots(self) -> tuple[int, ...]:
-        """Indices of the spots that no block or parked car overlaps."""
-        boxes = [box.row() for box in self.boxes]
-        spots = enumerate(spot.row(_SHARED_LINE_M) for spot in self.spots)
-        return tuple(number for number, spot in spots if not any(_touch(spot, box) for box in boxes))
+        """Indices of the spots that no block or parked car overlaps and no wall crosses."""
+        boxes, walls = [box.row() for box in self.boxes], [wall.row() for wall in self.walls]
+        return tuple(
+            number
+            for number, spot in enumerate(self.spots)
+            if not any(_touch(spot.row(_SHARED_LINE_M), box) for box in boxes)
+            and not any(_meets(spot.row(2.0 * _WALL_MARGIN_M), wall) for wall in walls)
+        )
 
     def _check_spots(self) -> None:
+        for number, spot in enumerate(self.spots):
+            if spot.length_m < kart.LENGTH_M or spot.width_m < kart.WIDTH_M:
+                raise ValueError(
+                    f"spot {number}, at {_place(spot)}: expected room for a kart, {kart.LENGTH_M} x {kart.WIDTH_M} m, "
+                    f"got {spot.length_m:g} x {spot.width_m:g} m"
+                )
         rows = [spot.row(_SHARED_LINE_M) for spot in self.spots]
         for one, other in combinations(range(len(rows)), 2):
             if _touch(rows[one], rows[other]):
                 where = f"at {_place(self.spots[one])} and {_place(self.spots[other])}"
                 raise ValueError(f"spots {one} and {other} overlap, {where}")
         if not self.free_spots:
-            raise ValueError(f"no spot is free: parked cars or blocks stand in all {len(self.spots)} spots")
+            raise ValueError(f"no spot is free: parked cars, blocks or walls are in all {len(self.spots)} spots")
 
     def _touched(self, number: int, start: Pose) -> str:
         """What a kart's box touches at its start; empty: nothing."""
@@ -187,7 +200,7 @@ class Lot(Config):
                 if _touch(box, other.row()):
                     return f"{kind} {index}"
         for index, wall in enumerate(self.walls):
-            if touches_segment(box[None], 0, tuple(wall.row().tolist())):
+            if _meets(box, wall.row()):
                 return f"wall {index}"
         for index, walker in enumerate(self.pedestrians):
             if distance_to(box[None], 0, walker.x0_m, walker.y0_m) <= walker.radius_m:
@@ -206,6 +219,10 @@ def kart_box(pose: Pose) -> FloatArray:
 
 def _touch(a: FloatArray, b: FloatArray) -> bool:
     return bool(boxes_touch(a[None], 0, b[None], 0))
+
+
+def _meets(box: FloatArray, wall: FloatArray) -> bool:
+    return bool(touches_segment(box[None], 0, tuple(wall.tolist())))
 
 
 def _place(pose: Pose) -> str:

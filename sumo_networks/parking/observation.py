@@ -59,7 +59,7 @@ PER_RAY: Final = len(Kind)
 COLUMNS: Final = RADAR + PER_RAY * RAYS
 
 HIGHEST: Final = np.float32(2.0)
-"""No column leaves +-2: a lot's coordinates end at 200 m, and a kart is cut there."""
+"""No column leaves +-2: a lot's coordinates end at 160 m; karts and differences that are farther are cut there."""
 _ABSENT, _KART = int(Outcome.ABSENT), int(Kind.KART)
 
 

@@ -180,7 +180,7 @@ class ParkingWorld:
         """Description of a lot, with its karts where they are now, at rest, and pedestrians where they began.
 
         Raises:
-            ValueError: A kart touches something, so that no episode could begin so.
+            ValueError: A kart touches something or is more than 160 m away, so that no episode could begin so.
         """
         return describe(self.view(lot), int(self.tables.lots[lot, LIMIT]))
 

@@ -26,6 +26,33 @@ def test_it_is_a_parallel_env_of_pettingzoo():
     parallel_seed_test(lambda: ParkingEnv(Scene.COMPLEX, karts=2), num_cycles=10)
 
 
+@pytest.mark.parametrize("seed", [True, 1.5, "a", -1, 2**31, 2**63, 2**70])
+def test_a_wrong_seed_is_refused_before_anything_changes(seed):
+    env, untouched = ParkingEnv(Scene.COMPLEX), ParkingEnv(Scene.COMPLEX)
+    env.reset(seed=3)
+    untouched.reset(seed=3)
+    with pytest.raises(InvalidInputError, match="expected a seed, a whole number"):
+        env.reset(seed=seed)
+    assert env.agents == ["kart-0"]
+    assert np.array_equal(env.reset()[0]["kart-0"], untouched.reset()[0]["kart-0"])
+    assert np.array_equal(env.reset(seed=np.int64(3))[0]["kart-0"], untouched.reset(seed=3)[0]["kart-0"])
+
+
+@pytest.mark.parametrize(
+    ("scene", "karts", "said"),
+    [
+        (Scene.COMPLEX, 2.5, "expected 1 to 8 karts, got 2.5"),
+        (Scene.COMPLEX, "2", "expected 1 to 8 karts, got '2'"),
+        (Scene.COMPLEX, True, "expected 1 to 8 karts, got True"),
+        (Scene.COMPLEX, 0, "expected 1 to 8 karts, got 0"),
+        (Scene.PARALLEL, 6, "expected 1 to 5 karts in the scene 'parallel', got 6"),
+    ],
+)
+def test_a_number_of_karts_that_no_lot_has_is_refused_at_once(scene, karts, said):
+    with pytest.raises(InvalidInputError, match=said):
+        ParkingEnv(scene, karts)
+
+
 def test_the_last_info_says_how_the_episode_ended():
     env = ParkingEnv(IN_PLACE, rules=JUDGED)
     env.reset()

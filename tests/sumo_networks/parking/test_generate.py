@@ -53,6 +53,19 @@ def test_no_kart_starts_in_a_parked_car(scene, karts, seed):
     assert len(world.lot(0).karts) == karts
 
 
+@pytest.mark.parametrize("scene", [Scene.COMPLEX, Scene.ANGLED, Scene.PEDESTRIANS])
+def test_karts_for_which_no_start_was_drawn_start_in_a_free_place(scene):
+    """In one of a hundred lots of 8 karts all draws of a start fail. `Lot` refuses contact; the walls are a box."""
+    world = ParkingWorld(1000, 8)
+    world.draw(range(1000), range(1000), scene)
+    for lot in range(1000):
+        view = world.view(lot)
+        inside = np.abs(view.karts[:, [kart.X, kart.Y]]) < np.abs(view.walls[:, :2]).max(axis=0) - 1.2
+        assert inside.all(), lot
+        north = np.isclose(view.karts[:, kart.HEADING], math.pi / 2)
+        assert not north.any() or len(world.lot(lot).karts) == 8
+
+
 DRAWN = "060a5d92968e5d4815b64066a6063e7cfa27cf04744efe2414a4a4a7842d532a"
 
 

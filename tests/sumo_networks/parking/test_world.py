@@ -37,8 +37,8 @@ def test_a_kart_that_rolls_into_its_spot_and_brakes_parks_aligned():
 def test_a_corner_is_scraped_or_missed_by_a_centimetre(gap_m, ended):
     """The front left corner of the kart passes the corner of a block on its way into the spot."""
     corner = -kart.WIDTH_M / 2 - gap_m
-    block = Block(x_m=corner - 0.5, y_m=-1.0, heading_rad=0.0, length_m=1.0, width_m=1.0)
-    spot = SPOT.model_copy(update={"width_m": 1.0})
+    block = Block(x_m=corner - 0.5, y_m=-1.5, heading_rad=0.0, length_m=1.0, width_m=1.0)
+    spot = SPOT.model_copy(update={"length_m": kart.LENGTH_M})
     start = Pose(x_m=0.0, y_m=-3.0, heading_rad=NORTH)
     world = moving(world_of(lot_of(start, spots=(spot,), blocks=(block,))), 2.0)
     drive(world, ROLL, 12)
@@ -219,6 +219,18 @@ def test_a_kart_whose_spot_is_taken_heads_for_the_next_free_one():
     assert world.running.tolist() == [[False, True, True]]
 
 
+def test_a_kart_never_heads_for_a_spot_in_which_a_car_stands():
+    """The one free spot has another kart in it at the beginning; the kart waits for it, also when it is left."""
+    spots = tuple(SPOT.model_copy(update={"x_m": x}) for x in (0.0, 6.0))
+    car = ParkedCar(x_m=0.0, y_m=0.0, heading_rad=NORTH, length_m=4.0, width_m=1.8)
+    leaving, waiting = Pose(x_m=6.0, y_m=-1.0, heading_rad=-NORTH), Pose(x_m=-4.0, y_m=-8.0)
+    world = moving(world_of(lot_of(leaving, waiting, spots=spots, cars=(car,))), 3.0)
+    assert world.view(0).counts[:, TARGET].tolist() == [1, 1]
+    drive(world, ROLL, 20)
+    assert world.view(0).karts[0, kart.Y] < -3.0
+    assert world.view(0).counts[:, TARGET].tolist() == [1, 1]
+
+
 def test_a_parked_kart_stays_and_is_an_obstacle():
     spots = (SPOT, SPOT.model_copy(update={"x_m": 20.0}))
     world = world_of(lot_of(IN_PLACE, Pose(x_m=0.0, y_m=-6.0, heading_rad=NORTH), spots=spots))
@@ -276,7 +288,14 @@ def box(**rest) -> dict[str, float]:
     ("given", "said"),
     [
         ({"spots": []}, "no spot is free"),
-        ({"cars": [box()]}, "no spot is free: parked cars or blocks stand in all 1 spots"),
+        ({"cars": [box()]}, "no spot is free: parked cars, blocks or walls are in all 1 spots"),
+        ({"walls": [{"x0_m": -5, "y0_m": 0, "x1_m": 5, "y1_m": 0}]}, "no spot is free"),
+        (
+            {"spots": [box(), box(x_m=5.0, width_m=1.3)]},
+            r"spot 1, at .* expected room .*, 1.85 x 1.35 m, got 5 x 1.3 m",
+        ),
+        ({"spots": [box(length_m=1.8)]}, "spot 0, at .* got 1.8 x 2.5 m"),
+        ({"spots": [box(x_m=161.0)]}, "less than or equal to 160"),
         ({"spots": [box(), box(x_m=2.0)]}, r"spots 0 and 1 overlap, at \(0.00, 0.00\) m, 90 degrees"),
         ({"cars": [box(x_m=10.0)]}, "kart 0 starts in parked car 0, at"),
         ({"blocks": [box(x_m=10.0)]}, "kart 0 starts in block 0, at"),
@@ -284,7 +303,7 @@ def box(**rest) -> dict[str, float]:
         ({"pedestrians": [{"x0_m": 10.9, "y0_m": 0, "x1_m": 0, "y1_m": 0}]}, "kart 0 starts in pedestrian 0, at"),
         ({"karts": [{"x_m": 10, "y_m": 0}, {"x_m": 11, "y_m": 0}]}, "kart 1 starts in kart 0, at"),
         ({"karts": []}, "at least 1 item"),
-        ({"time_limit_s": 0}, "greater than 0"),
+        ({"time_limit_s": 0.04}, "greater than or equal to 0.1"),
     ],
 )
 def test_a_lot_that_cannot_be_driven_is_refused_with_one_error(given, said):
@@ -293,6 +312,20 @@ def test_a_lot_that_cannot_be_driven_is_refused_with_one_error(given, said):
     with pytest.raises(ValueError, match=said) as caught:
         Lot.model_validate({**sound, **given})
     assert len(caught.value.errors()) == 1
+
+
+def test_a_wall_along_the_edge_of_a_spot_leaves_it_free_and_one_through_it_does_not():
+    spots = tuple(Spot(**box(x_m=x)) for x in (0.0, 5.0))
+    edge, inside = (Wall(x0_m=x, y0_m=-3.0, x1_m=x, y1_m=3.0) for x in (1.25 - 0.09, 5.0 + 1.25 - 0.11))
+    assert lot_of(far(), spots=spots, walls=(edge,)).free_spots == (0, 1)
+    assert lot_of(far(), spots=spots, walls=(edge, inside)).free_spots == (0,)
+
+
+def test_the_farthest_spot_is_where_the_observation_says():
+    world = world_of(lot_of(far(), spots=(Spot(**box(x_m=-160.0, y_m=160.0)),), time_limit_s=0.1))
+    assert (80 * world.observations[0, 0, 6:8]).tolist() == [-160.0, 160.0]
+    drive(world)
+    assert world.results().time_s[0, 0] == pytest.approx(0.1)
 
 
 def test_spots_side_by_side_do_not_overlap():
