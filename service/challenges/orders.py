@@ -112,6 +112,14 @@ class PhaseOrder(BaseModel):
     replays: Annotated[Audience, Field(description="Who may see replays of others' runs.")] = Audience.PARTICIPANTS
     records: Annotated[Audience, Field(description="Who may read records of others' runs.")] = Audience.PARTICIPANTS
 
+    @field_validator("seeds")
+    @classmethod
+    def _each_once(cls, given: list[int] | None) -> list[int] | None:
+        if given is not None and len(set(given)) < len(given):
+            twice = next(seed for place, seed in enumerate(given) if seed in given[:place])
+            raise ValueError(f"a seed comes twice: {twice}")
+        return given
+
     @field_validator("draw_seeds")
     @classmethod
     def _one_kind_of_seeds(cls, given: int | None, info: ValidationInfo) -> int | None:

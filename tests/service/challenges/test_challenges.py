@@ -258,6 +258,7 @@ def test_what_may_not_enter_a_phase(service: Harness) -> None:
     [
         ({"secret": True, "draw_seeds": None}, "body.secret"),
         ({"seeds": [1], "draw_seeds": 2}, "body.draw_seeds"),
+        ({"seeds": [1, 7, 7], "draw_seeds": None}, "a seed comes twice: 7"),
         ({"opens": "2030-01-02T00:00:00Z", "closes": "2030-01-01T00:00:00Z"}, "body.closes"),
         ({"closes": "2020-01-01T00:00:00Z"}, "closes"),
         ({"closes": "2030-01-01T00:00:00"}, "body.closes"),
