@@ -13,9 +13,10 @@ from dohyo.sumo_networks.world import ActorKind
 
 ActorName = Annotated[str, Meta(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]*$")]
 KindName = Literal["car", "van", "truck", "bus", "bicycle", "emergency", "pedestrian", "static"]
+Role = Literal["ego", "traffic"]
 
 
-class ActorRow(msgspec.Struct, omit_defaults=True):
+class ActorRow(msgspec.Struct, omit_defaults=True, forbid_unknown_fields=True):
     """A box in the world, in the network's frame."""
 
     name: ActorName
@@ -26,6 +27,9 @@ class ActorRow(msgspec.Struct, omit_defaults=True):
     speed_mps: Annotated[float, Meta(description="Speed along the heading, 0 to 100 m/s.")] = 0.0
     length_m: Annotated[float | None, Meta(description="Length, m; default: that of its kind.")] = None
     width_m: Annotated[float | None, Meta(description="Width, m; default: that of its kind.")] = None
+    role: Annotated[Role | None, Meta(description="As shown rows have it, which may be sent back; without effect.")] = (
+        None
+    )
 
     def external(self) -> ExternalActor:
         """The actor for the simulation.
@@ -42,10 +46,10 @@ class ActorRow(msgspec.Struct, omit_defaults=True):
 class ShownActor(ActorRow, kw_only=True):
     """An ego or an actor of the traffic, as a world shows it to the simulators that are coupled to it."""
 
-    role: Literal["ego", "traffic"]
+    role: Role
 
 
-class ActorChange(msgspec.Struct):
+class ActorChange(msgspec.Struct, forbid_unknown_fields=True):
     """Actors that are put or moved before the next tick, after others are removed."""
 
     put: Annotated[list[ActorRow], Meta(max_length=MOST_ACTORS)] = []

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, model_validator
 
 from dohyo.service.simulating.actors import ActorChange, ShownActor
 from dohyo.service.simulating.order import Late, Undriven
@@ -57,19 +57,19 @@ class WorldRequest(BaseModel):
     mission: Text | None = None
     scenario: dict[str, Any] | None = None
     network: Text | None = None
-    missions: Annotated[int, Field(ge=1, le=MOST_EGOS)] | Documents = 1
+    missions: Annotated[StrictInt, Field(ge=1, le=MOST_EGOS)] | Documents = 1
     traffic: dict[str, Any] = {}
     conditions: Text = "clear"
     events: Documents = []
     obstacles: Documents = []
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    seed: Annotated[StrictInt, Field(ge=0, lt=2**31)] = 0
     undriven: Undriven = "autopilot"
     deadline_s: Annotated[float | None, Field(ge=0.1, le=600)] = None
     late: Late = "repeat"
-    record: bool = False
+    record: StrictBool = False
     pace: Pace = "lockstep"
     speed: Speed = 1.0
-    stays: bool = False
+    stays: StrictBool = False
     reward: Literal["roach", "progress"] | None = None
 
     @model_validator(mode="after")
@@ -104,7 +104,7 @@ class JoinRequest(BaseModel):
 
     name: Text
     egos: Annotated[list[Text], Field(max_length=MOST_EGOS)] = []
-    coupled: bool = False
+    coupled: StrictBool = False
     invitation: Annotated[str | None, Field(min_length=1, max_length=100)] = None
     track: Literal["sensors", "map", "privileged"] = "map"
     sensors: Annotated[list[Text], Field(min_length=1, max_length=50)] = ["speedometer", "route"]
@@ -128,7 +128,7 @@ class WorldInvitationRequest(BaseModel):
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"egos": ["west-2"]}]})
 
     egos: Annotated[list[Text], Field(min_length=1, max_length=MOST_EGOS)] | None = None
-    coupled: bool = False
+    coupled: StrictBool = False
 
 
 class StepRequest(BaseModel):
@@ -140,7 +140,7 @@ class StepRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"ticks": 10}]})
 
-    ticks: Annotated[int, Field(ge=1, le=100_000)] = 1
+    ticks: Annotated[StrictInt, Field(ge=1, le=100_000)] = 1
 
 
 class ResetRequest(BaseModel):
@@ -152,7 +152,7 @@ class ResetRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"seed": 7}]})
 
-    seed: Annotated[int | None, Field(ge=0, lt=2**31)] = None
+    seed: Annotated[StrictInt | None, Field(ge=0, lt=2**31)] = None
 
 
 class PaceRequest(BaseModel):
@@ -174,7 +174,7 @@ FARTHEST_M = 1000.0
 PlanPoint = tuple[float, float]
 
 
-class WorldStep(Step, kw_only=True):
+class WorldStep(Step, kw_only=True, forbid_unknown_fields=True):
     """Decisions of a place for one tick."""
 
     resets: Annotated[

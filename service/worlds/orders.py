@@ -14,6 +14,7 @@ from dohyo.service.benchmarks.catalog import find_benchmark
 from dohyo.service.networks.finding import find_network
 from dohyo.service.worlds.bodies import MOST_EGOS, WorldRequest
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 
@@ -31,7 +32,7 @@ def scenario_of(request: WorldRequest) -> Scenario:
     """
     try:
         if request.scenario is not None:
-            return _own(request.scenario, "scenario.")
+            return _own(request.scenario, "scenario")
         if request.network is not None:
             return _own(_on_network(find_network(request.network), request), "")
         return _of_benchmark(str(request.benchmark), request.mission, request.seed)
@@ -82,11 +83,13 @@ def _own(document: dict[str, Any], at: str) -> Scenario:
     try:
         scenario = Scenario.model_validate(document)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InvalidInputError(f"{at}{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        told = describe_fault(error, Scenario, document)
+        placed = any(one["loc"] for one in error.errors())
+        raise InvalidInputError(told if not at else f"{at}.{told}" if placed else f"{at}: {told}") from error
+    before = f"{at}." if at else ""
     find_network(scenario.network)  # by name only: a path would read files of this machine
     if len(scenario.missions) > MOST_EGOS:
-        raise InvalidInputError(f"{at}missions: expected at most {MOST_EGOS}, got {len(scenario.missions)}")
+        raise InvalidInputError(f"{before}missions: expected at most {MOST_EGOS}, got {len(scenario.missions)}")
     if scenario.log is not None:
-        raise InvalidInputError(f"{at}log: expected none, since a recording does not react to several drivers")
+        raise InvalidInputError(f"{before}log: expected none, since a recording does not react to several drivers")
     return scenario
