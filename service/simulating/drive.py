@@ -270,9 +270,17 @@ def drive_world(order: WorldOrder, channel: Channel) -> bytes:
         try:
             return _drive_once(order, channel, drivers, scenes)
         except WorldReset as again:
+            _forget_record(order)
             scenario = order.scenario.model_copy(update={"seed": again.reset.seed})
             order = order.model_copy(update={"scenario": scenario})
             drivers = again.drivers.model_copy(update={"revision": again.reset.revision})
+
+
+def _forget_record(order: WorldOrder) -> None:
+    """Removes the record of the run before: a world has that of its last run."""
+    if order.directory is not None:
+        for suffix in (".json", ".parquet"):
+            (order.directory / f"{order.name}{suffix}").unlink(missing_ok=True)
 
 
 def _drive_once(order: WorldOrder, channel: Channel, drivers: Drivers, scenes: SceneFeed) -> bytes:

@@ -29,7 +29,7 @@ from dohyo.service.worlds import queries
 from dohyo.service.worlds.live.seat import Seat
 from dohyo.service.worlds.live.world import LiveWorld
 from dohyo.service.worlds.model import World, WorldStatus
-from dohyo.service.worlds.records import record_path
+from dohyo.service.worlds.records import record_path, whole_record
 from dohyo.sumo_networks.errors import InvalidInputError
 
 ENTRY: Final = "dohyo.service.simulating.child:simulate_here"
@@ -38,6 +38,7 @@ Repeatable = tuple[str | None, str]
 SWEEP_S: Final = 0.1
 ENDED_SEATS: Final = 20
 """Of a world, which still answer the last request sent again."""
+LEFT: Final = "the service ended while the world was live"
 END_S: Final = 60.0  # for the rest of a tick and the record
 FORGET_S: Final = 300.0
 
@@ -66,16 +67,25 @@ class WorldBook:
     # Life
 
     async def start(self) -> None:
-        """Fails the worlds that an earlier service left, then starts."""
-
-        def fail() -> int:
-            with self._database.session() as session:
-                return queries.fail_live_worlds(session, "the service ended while the world was live")
-
-        if left := await asyncio.to_thread(fail):
+        """Ends the worlds that an earlier service left, then starts."""
+        if left := await asyncio.to_thread(self._end_left):
             logger.warning("%d worlds were live when the service ended", left)
         always = (self._sweep(), dismiss_workers(PatientDatabase(self._database), self))
         self._always = [asyncio.create_task(one) for one in always]
+
+    def _end_left(self) -> int:
+        """Ends the worlds of an earlier service: done with a whole record, else failed. Returns their number."""
+        with self._database.session() as session:
+            left = queries.list_live_worlds(session)
+            for row in left:
+                if (whole := whole_record(self._settings, row)) is None:
+                    status, reason, tick, kept = WorldStatus.FAILED, LEFT, row.tick, None
+                else:
+                    record, size = whole
+                    status, reason, tick, kept = WorldStatus.DONE, None, record.ticks, (record.record_hash, size)
+                    row.order = row.order | {"seed": record.scenario.seed}
+                queries.finish_world(session, row.id, status, reason, tick, kept)
+            return len(left)
 
     async def stop(self) -> None:
         """Ends all worlds, with their records."""

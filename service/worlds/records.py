@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.store import read_whole_record
+from dohyo.service.episodes.archive import record_size
 from dohyo.service.errors import ConflictError, GoneError
 from dohyo.service.settings import Settings
-from dohyo.service.worlds.model import World
+from dohyo.service.worlds.model import World, WorldStatus
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def records_folder(settings: Settings) -> Path:
@@ -27,11 +31,28 @@ def kept_record(settings: Settings, row: World) -> Path:
         GoneError: It is no longer kept.
     """
     if row.record_hash is None:
-        raise ConflictError("the world is live, or was not recorded to its end")
+        raise ConflictError(_why_none(row))
     path = record_path(settings, row.id)
     if row.kept_bytes == 0 or not path.exists():
         raise GoneError(f"the record of world '{row.id}' is no longer kept")
     return path
+
+
+def _why_none(row: World) -> str:
+    if row.status.live:
+        return "the world is live: its record is there once it has ended"
+    if row.status is WorldStatus.FAILED:
+        return f"the world has failed, and has no record: {row.reason}"
+    return "the world was made without a record"
+
+
+def whole_record(settings: Settings, row: World) -> tuple[EpisodeRecord, int] | None:
+    """The record of a world whose end was not stored, and its size in bytes; None where it is not whole."""
+    path = record_path(settings, row.id)
+    try:
+        return read_whole_record(path), record_size(path)
+    except (InvalidInputError, OSError):
+        return None
 
 
 def remove_record(settings: Settings, identifier: str) -> None:
