@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any, Final
 
 from dohyo.service.client.worker_session import Connection, Pauses, UnreachableError, WireError, passes
@@ -60,11 +61,12 @@ class PendingConnection:
         except UnreachableError as error:
             self._failure = error
 
-    def receive(self, patience_s: float = math.inf) -> Any:
+    def receive(self, patience_s: float = math.inf, busy: Callable[[WireError], None] | None = None) -> Any:
         """The answer to the last request; None for an empty one.
 
         Args:
             patience_s: Longest time for which the request is sent again; never more than `BUSY_S` or `AWAY_S`.
+            busy: Called with each refusal before the request is sent again; may raise an error of its own.
 
         Raises:
             WireError: The service refuses, or is busy for too long.
@@ -79,6 +81,8 @@ class PendingConnection:
                 ends = began + min(self._patience_s(error), patience_s)
                 if not passes(error) or time.monotonic() + pause_s > ends:
                     raise
+                if busy is not None and isinstance(error, WireError):
+                    busy(error)
             time.sleep(pause_s)
             self._send()
 

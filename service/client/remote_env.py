@@ -1,6 +1,6 @@
 """RemoteEnv: worlds of a service as the rows of a gymnasium vector environment, to train from afar.
 
-    env = dohyo.RemoteEnv("http://127.0.0.1:8000", num_envs=4, benchmark="quickstart", mission="right-to-south")
+    env = dohyo.RemoteEnv("http://127.0.0.1:8000", num_envs=2, benchmark="quickstart", mission="right-to-south")
     observations, _ = env.reset(seed=0)
     observations, rewards, terminations, truncations, infos = env.step(actions)
 
@@ -11,7 +11,9 @@ is read, so that their simulations run at the same time.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+import re
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +39,12 @@ from dohyo.sumo_networks.units import TICK_S
 SENSORS: Final = ("speedometer", "route", "objects")
 WORKER: Final = "learner"
 CLOSE_S: Final = 10.0  # the time in which an environment that closes insists on ending its world
+LIMIT: Final = re.compile(r"at most (\d+) live worlds of one owner")
+"""In the words of a service that refuses one more world."""
 _OPTIONS: Final = ("benchmark", "mission", "sensors", "control", "reward")
+
+
+logger = logging.getLogger("dohyo.remote_env")
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,7 @@ class RemoteWorlds:
         ego: Name of the ego that is driven; None: the first one. The autopilot drives the others.
         sensors: Its sensors.
         control: Its control.
+        rows: How many of them there are at once.
     """
 
     url: str
@@ -59,6 +67,20 @@ class RemoteWorlds:
     ego: str | None
     sensors: tuple[str, ...]
     control: str
+    rows: int = 1
+
+    def check_room(self, refusal: WireError) -> None:
+        """Refuses what waiting cannot bring about: more worlds than one owner may have.
+
+        Raises:
+            InvalidInputError: The rows of this environment fill the limit.
+        """
+        limit = LIMIT.search(refusal.detail)
+        if limit is not None and int(limit[1]) < self.rows:
+            raise InvalidInputError(
+                f"num_envs: {self.rows} rows are as many worlds, and the service has at most {limit[1]} for one owner; "
+                "its DOHYO_WORLDS_PER_OWNER says how many"
+            )
 
 
 class RemoteEnv(LocalVectorEnv):
@@ -88,7 +110,7 @@ class RemoteEnv(LocalVectorEnv):
 
         Args:
             url: Address of the service. Its query may have the options too, such as `?benchmark=quickstart`.
-            num_envs: Number of worlds; the service limits them by owner (`DOHYO_WORLDS_PER_OWNER`).
+            num_envs: Number of worlds; the service limits them by owner (`DOHYO_WORLDS_PER_OWNER`, by default 2).
             token: Token with the role submitter; None: the environment variable DOHYO_TOKEN.
             benchmark: Name of a benchmark of drives; "quickstart" where there is no scenario.
             mission: One of its scenarios; None: the first one.
@@ -113,7 +135,8 @@ class RemoteEnv(LocalVectorEnv):
             world |= {"benchmark": given["benchmark"] or "quickstart", "mission": given["mission"]}
         else:
             world["scenario"] = dict(scenario)
-        plan = RemoteWorlds(address, token or os.environ.get("DOHYO_TOKEN", ""), world, ego, names, given["control"])
+        token = token or os.environ.get("DOHYO_TOKEN", "")
+        plan = RemoteWorlds(address, token, world, ego, names, given["control"], num_envs)
         self._worlds: dict[int, RemoteWorld] = {}
 
         def make(rank: int) -> RemoteWorld:
@@ -148,6 +171,7 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         self._id = self._seat = self._seat_token = self._ego = ""
         self._tick = 0
         self._run: dict[str, int] = {}
+        self._told = False
         self._seen: Observations = {}
 
     def begin_reset(self, seed: int | None) -> None:
@@ -168,11 +192,11 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
         """Waits for the first tick.
 
         Raises:
-            InvalidInputError: The service refuses the world.
+            InvalidInputError: The service refuses the world, or the rows are more than an owner may have.
             SimulationError: The world or the service is gone.
         """
         with _as_lost():
-            answer = self._http.receive()
+            answer = self._http.receive(busy=None if self._id else self._wait_for_room)
             if not self._id:
                 self._join(answer)
                 self._ask_for_reset(seed)  # so that the first episode follows from its seed as all others do
@@ -180,6 +204,13 @@ class RemoteWorld(gymnasium.Env[Observations, NDArray[Any]]):
             self._http.send("GET", f"/v1/seats/{self._seat}", self._seat_token)
             self._take(self._http.receive())
         return self._seen, {}
+
+    def _wait_for_room(self, refusal: WireError) -> None:
+        """Tells once why there is no world yet."""
+        self._plan.check_room(refusal)
+        if not self._told:
+            logger.warning("waits for a world: %s", refusal)
+        self._told = True
 
     def _join(self, world: Mapping[str, Any]) -> None:
         plan = self._plan

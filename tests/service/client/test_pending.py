@@ -11,6 +11,7 @@ from dohyo.service.client import pending, worker_session
 from dohyo.service.client.pending import PendingConnection
 from dohyo.service.client.remote_env import RemoteWorld, RemoteWorlds
 from dohyo.service.client.worker_session import UnreachableError, WireError
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.client.scripted import BROKEN, Answer, Script, serving
 
 AWAY = [*(Answer({}, status) for status in (500, 502, 503, 504)), BROKEN]
@@ -89,6 +90,20 @@ def test_an_order_of_a_world_that_is_sent_again_makes_one(script: Script) -> Non
     assert set(others) == {""}
     assert [path for path, _ in script.asked[:2]] == ["POST /v1/worlds"] * 2
     script.answers += [Answer({}), Answer({})]
+    world.close()
+
+
+def test_an_environment_tells_once_why_it_has_no_world(script: Script, caplog: pytest.LogCaptureFixture) -> None:
+    full = Answer({"detail": "expected at most 2 live worlds of one owner; end one"}, 429, {"retry-after": "0"})
+    plan = RemoteWorlds(script.url, "token", {}, None, ("speedometer",), "target_speed_steering", rows=2)
+    world = RemoteWorld(plan, Dict({"speedometer": Box(0.0, 1.0, (2,))}), Box(0.0, 1.0, (2,)))
+    script.answers += [full, full, Answer({"detail": "no such benchmark"}, 422)]
+    world.begin_reset(0)
+    with pytest.raises(InvalidInputError, match="no such benchmark"):
+        world.reset(seed=0)
+    assert [one.getMessage() for one in caplog.records] == [
+        "waits for a world: expected at most 2 live worlds of one owner; end one (HTTP 429)"
+    ]
     world.close()
 
 

@@ -110,6 +110,19 @@ def test_a_row_whose_world_somebody_else_resets_is_truncated_and_lost(served: Se
         env.close()
 
 
+def test_more_rows_than_an_owner_may_have_worlds_are_refused_at_once(served: Served) -> None:
+    scenario = STREET.model_dump(mode="json")
+    env = dohyo.RemoteEnv(served.url, 3, token=served.token, scenario=scenario, sensors=SENSORS)
+    began = time.monotonic()
+    try:
+        with pytest.raises(InvalidInputError, match="3 rows are as many worlds, and the service has at most 2"):
+            env.reset(seed=1)
+        assert time.monotonic() - began < 60.0
+    finally:
+        env.close()
+    assert [one for one in served.ask("GET", "/v1/worlds")["items"] if one["finished"] is None] == []
+
+
 def test_learners_take_an_address_as_their_environment(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DOHYO_TOKEN", served.token)
     task = GymnasiumTask(f"{served.url}?benchmark=quickstart&sensors=speedometer&reward=progress")
