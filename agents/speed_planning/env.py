@@ -1,8 +1,9 @@
 """The freeway as an environment of agents: a forecaster, a planner, and every connected vehicle (PettingZoo, parallel).
 
 Any of them may be a custom policy, and this folder's parts can be the others. One step is a tick of the freeway.
-Actions of the forecaster and the planner count once a minute, when a plan is published; in between they are ignored. A
-vehicle is an agent from its departure until it leaves the road.
+The planner's action counts once a minute, when a plan is published; in between it is ignored. The forecaster's counts
+at once, and since all act in the same step, the planner sees it a step later. A vehicle is an agent from its departure
+until it leaves the road.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dohyo.agents.speed_planning.planner import LOOK_AHEAD_M, PUBLISHED_EVERY_S,
 from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.agents.speed_planning.traffic_state import LaneGrid, fuse
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.envs.options import episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.demand import draw_demand
 from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS
@@ -42,7 +44,8 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
     Agents, their observations and actions, speeds in m/s:
 
     * `forecaster`: (8, S) last reports of the segments, -1 for missing ones -> (S,) their present speeds.
-    * `planner`: (L, X) the forecaster's answer fused with the pings -> (L, X) target speeds.
+    * `planner`: (L, X) the forecaster's last answer, or without one the last reports, fused with the pings -> (L, X)
+      target speeds.
     * a vehicle, by its name: (7,) own speed, gap up to 80 m, leader's speed, the plan at 0, 200, 500 and 1000 m; then
       whether to open a gap -> (1,) desired speed; SUMO's driver model prevents collisions.
 
@@ -84,15 +87,20 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Starts the morning, and runs the feed until control begins."""
+        """Starts the morning, and runs the feed until control begins.
+
+        Raises:
+            InvalidInputError: The seed is no whole number from 0 to 2^31 - 1; nothing has changed then.
+        """
+        seed = self._seed if seed is None else episode_seed(seed)
         self.close()
-        self._seed = self._seed if seed is None else seed
+        self._seed = seed
         self.possible_agents = self._everybody()
         self._simulation = FreewaySimulation(self.morning.scenario(self._seed), fuel=False)
         world = self._simulation.start()
         self._feed, self._pings = SegmentFeed(self._road, self._seed), PingLog()
         self._plan: SpeedPlan | None = None
-        self._forecast = np.full(self._road.segments, FASTEST_MPS)
+        self._forecast: FloatArray | None = None
         self._gone: set[str] = set()
         while world.time_s < self.morning.start_s:
             self._notice(world)
@@ -165,18 +173,22 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
 
     def _checked(self, agent: str, action: Float32Array) -> Float32Array:
         expected = self.action_space(agent).shape
-        given = np.asarray(action, dtype=np.float32)
+        try:
+            given = np.asarray(action, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            told = f"expected {expected} finite speeds, got {action!r:.60}"
+            raise InvalidInputError(f"action of '{agent}': {told}") from error
         if given.shape != expected or not np.isfinite(given).all():
             raise InvalidInputError(f"action of '{agent}': expected {expected} finite speeds, got shape {given.shape}")
         return np.clip(given, 0.0, FASTEST_MPS)
 
     def _publish(self, told: dict[str, Float32Array]) -> None:
-        """Uses the forecaster's and the planner's actions when a plan is due."""
+        """Uses the forecaster's action, and the planner's when a plan is due."""
+        if FORECASTER in told:
+            self._forecast = told[FORECASTER].astype(np.float64)
         if self._world.time_s < self._due_s:
             return
         self._due_s += PUBLISHED_EVERY_S
-        if FORECASTER in told:
-            self._forecast = told[FORECASTER].astype(np.float64)
         if PLANNER in told:
             target = told[PLANNER].astype(np.float64)
             self._plan = SpeedPlan(self._world.time_s, target, self._state(), self._grid.cell_m)
@@ -186,15 +198,22 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
         return fuse(self._grid, self._grid.spread(segment_mps), self._pings.pings(), self._world.time_s)
 
     def _state(self) -> FloatArray:
-        return self.state_of(self._forecast)
+        return self.state_of(last_reports(self._history()) if self._forecast is None else self._forecast)
 
-    def _observations(self) -> Observations:
+    def _history(self) -> FloatArray:
+        """(8, S) last reports, m/s, `UNKNOWN_MPS` for missing ones."""
         _, rows = self._feed.reported(self._world.time_s)
         history = np.full((HISTORY_MINUTES, self._road.segments), UNKNOWN_MPS)
         kept = rows[-HISTORY_MINUTES:]
         if len(kept):
             history[-len(kept) :] = np.nan_to_num(kept, nan=UNKNOWN_MPS)
-        seen: Observations = {FORECASTER: history.astype(np.float32), PLANNER: self._state().astype(np.float32)}
+        return history
+
+    def _observations(self) -> Observations:
+        seen: Observations = {
+            FORECASTER: self._history().astype(np.float32),
+            PLANNER: self._state().astype(np.float32),
+        }
         cars = Cars.seen(self._world, self._plan)
         gap = np.minimum(np.maximum(cars.gap, 0.0), SEEN_M)
         leader = np.where(np.isfinite(cars.gap), np.nan_to_num(cars.leader), 0.0)
@@ -203,6 +222,14 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
             if name not in self._gone:
                 seen[name] = np.minimum(row, self.observation_space(name).high)
         return {agent: np.clip(one, UNKNOWN_MPS, None) for agent, one in seen.items()}
+
+
+def last_reports(history: FloatArray) -> FloatArray:
+    """(S,) last report of each segment in a history (M, S), m/s; `FASTEST_MPS` where there is none."""
+    speeds = np.full(history.shape[1], FASTEST_MPS)
+    for row in history:
+        speeds = np.where(row >= 0.0, row, speeds)
+    return speeds
 
 
 def _passed(before: FreewayWorld, after: FreewayWorld) -> int:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray, StringArray
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.road import FreewayRoad
 from dohyo.sumo_networks.freeway.world import NO_LANE, FreewayWorld
 
@@ -27,6 +28,8 @@ OUTAGES_PER_DAY: Final = 0.6
 OUTAGE_MINUTES: Final = 12.0
 FEED_OUTAGES_PER_DAY: Final = 0.15
 """Mean number of outages of all segments at once per day."""
+SLOWEST_WAVE_MPS: Final = 2.0
+"""Waves that travel more slowly are not looked for."""
 
 
 def reported_speeds(speed_mps: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -217,25 +220,48 @@ def wave_speed(speed_mps: FloatArray, cell_s: float, cell_m: float, apart_m: flo
     `apart_m` apart; slow variations, which do not travel, are subtracted first.
 
     Args:
-        speed_mps: (time, space) of a congested part of a map; NaNs count as the place's mean.
+        speed_mps: (time, space) of a congested part of a map; NaNs count as the place's mean, and a place of NaNs alone
+            is left out.
         cell_s: Duration of a cell, s.
         cell_m: Length of a cell, m.
         apart_m: Distance between the two places, m.
 
     Returns:
         The speed, m/s; NaN if all correlations are below 0.2.
+
+    Raises:
+        InvalidInputError: The map is too short, its cells are too coarse, or no two places `apart_m` apart have speeds.
     """
-    filled = np.where(np.isnan(speed_mps), np.nanmean(speed_mps, axis=0), speed_mps)
+    apart, lags = round(apart_m / cell_m), np.arange(1, round(apart_m / SLOWEST_WAVE_MPS / cell_s))
+    pairs = _measured_pairs(speed_mps, apart, len(lags))
+    mean = np.nanmean(np.where(np.isnan(speed_mps).all(axis=0), 0.0, speed_mps), axis=0)
+    filled = np.where(np.isnan(speed_mps), mean, speed_mps)
     width = max(3, round(600 / cell_s))
     kernel = np.ones(width) / width
     slow = np.array([np.convolve(np.pad(x, width // 2, "edge"), kernel, "valid")[: len(x)] for x in filled.T]).T
     waves = filled - slow
-    apart = round(apart_m / cell_m)
-    lags = np.arange(1, round(apart_m / 2.0 / cell_s))
-    up, down = waves[:, :-apart], waves[:, apart:]
+    up, down = waves[:, pairs], waves[:, pairs + apart]
     alike = np.array([_correlation(down[:-lag], up[lag:]) for lag in lags])
     best = int(np.argmax(alike))
     return -apart * cell_m / (float(lags[best]) * cell_s) if alike[best] >= 0.2 else math.nan
+
+
+def _measured_pairs(speed_mps: FloatArray, apart: int, lags: int) -> IntArray:
+    """(P,) the first of every two places some cells apart that were measured; see `wave_speed`."""
+    times, places = speed_mps.shape
+    if apart < 1 or lags < 1:
+        raise InvalidInputError(
+            "expected finer cells: two places must be a cell apart, and the delay two cells or more"
+        )
+    if times <= lags or places <= apart:
+        raise InvalidInputError(
+            f"expected a map of more than {lags} times and {apart} places, as the cells are, got {times} and {places}"
+        )
+    there = np.asarray(np.isfinite(speed_mps).any(axis=0))
+    pairs = np.flatnonzero(there[:-apart] & there[apart:])
+    if not len(pairs):
+        raise InvalidInputError(f"expected two measured places {apart} cells apart, got none")
+    return pairs
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:

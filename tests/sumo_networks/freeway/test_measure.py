@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.measure import (
     NOISE_MPS,
     PingLog,
@@ -176,6 +177,42 @@ def test_the_speed_of_a_drawn_wave_is_found(kmh: float) -> None:
     waves = 12 + 8 * np.sin(2 * np.pi * (time - space / (kmh / 3.6)) / 400) + rng.normal(0, 2, time.shape)
     waves[rng.random(waves.shape) < 0.05] = np.nan
     assert 3.6 * wave_speed(waves, 10, 100) == pytest.approx(kmh, rel=0.06)
+
+
+def drawn_waves() -> FloatArray:
+    """(240, 60) waves of -16 km/h in cells of 15 s and 100 m."""
+    time, space = np.meshgrid(np.arange(0, 3600, 15.0), np.arange(0, 6000, 100.0), indexing="ij")
+    return np.asarray(12 + 6 * np.sin(2 * np.pi * (time + space / 4.44) / 400))
+
+
+@pytest.mark.filterwarnings("error")
+def test_places_without_measurements_are_left_out() -> None:
+    waves = drawn_waves()
+    waves[:, [30, 41]] = np.nan
+    assert 3.6 * wave_speed(waves, 15, 100) == pytest.approx(-16, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "cell_s", "cell_m", "said"),
+    [
+        (240, 60, 2000, 100, "finer cells"),
+        (240, 60, 15, 3000, "finer cells"),
+        (240, 10, 15, 100, "more than 32 times and 10 places, as the cells are, got 240 and 10"),
+        (32, 60, 15, 100, "more than 32 times and 10 places, as the cells are, got 32 and 60"),
+    ],
+)
+def test_maps_that_are_too_short_or_too_coarse_are_refused(
+    rows: int, columns: int, cell_s: float, cell_m: float, said: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=said):
+        wave_speed(drawn_waves()[:rows, :columns], cell_s, cell_m)
+
+
+def test_a_map_without_two_measured_places_apart_is_refused() -> None:
+    waves = drawn_waves()
+    waves[:, :50] = np.nan
+    with pytest.raises(InvalidInputError, match="two measured places 10 cells apart, got none"):
+        wave_speed(waves, 15, 100)
 
 
 def test_noise_is_no_wave() -> None:
