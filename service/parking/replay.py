@@ -86,7 +86,8 @@ def _kart(one: KartRecord, number: int, motion: Float32Array) -> dict[str, Any]:
         "kind": _CONTACTS.get(one.touched),
         "time_s": round(ended * kart.TICK_S, 3),
         **dict(zip(("x_m", "y_m"), _rounded(motion[ended, :2]), strict=True)),
-        "magnitude": round(abs(float(motion[ended, 3])), 2),
+        # The tick that ends an episode leaves the kart at rest.
+        "magnitude": round(abs(float(motion[max(ended - 1, 0), 3])), 2),
         "unit": "m/s",
         "actor": one.touched,
     }

@@ -62,7 +62,7 @@ class DemonstrationsConfig(Config):
     """
 
     episodes: Positive = 500
-    seed: int = 1_000_000
+    seed: Annotated[int, Field(ge=0)] = 1_000_000
     disturbance: Annotated[float, Field(ge=0)] = 0.3
 
 

@@ -57,6 +57,11 @@ def test_parts_of_dppo_il_are_refused_with_sac_and_leave_no_run(tmp_path, parts,
     assert not (tmp_path / "run").exists()
 
 
+def test_a_negative_seed_of_demonstrations_is_refused():
+    with pytest.raises(InvalidInputError, match=r"demonstrations.seed: .* 0, got -5"):
+        read_settings(ParkingConfig, None, [*SMALL, "bco=true", "demonstrations.seed=-5"])
+
+
 def test_karts_of_a_lot_share_it_and_a_curriculum_ends_in_the_task_itself():
     task = ParkingTask(karts=3, lots=2)
     assert len(set(task.held_out)) == 2
