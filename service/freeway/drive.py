@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from dohyo.agents.speed_planning.benchmark import morning_of
-from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, DissipationEnv
+from dohyo.agents.speed_planning.env import FASTEST_MPS, FORECASTER, PLANNER, DissipationEnv, last_reports
 from dohyo.evaluation.blame import RAISED, is_blameless
 from dohyo.evaluation.episode.guarded_agent import WARM_UP_DEADLINE_S
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
@@ -99,11 +99,11 @@ def _drive(order: EpisodeOrder, scenario: MorningScenario, env: DissipationEnv, 
     try:
         seen, _ = env.reset()
         while env.agents:
-            # The environment's own state has the forecast of the publication before.
-            state = env.state_of(last_report(seen[FORECASTER]).astype(np.float64)).astype(np.float32)
+            # The environment's own state has the forecast of the step before.
+            state = env.state_of(last_reports(seen[FORECASTER])).astype(np.float32)
             published = {PLANNER: plan(tick, state, env.world.time_s)}
             for _ in range(round(DECIDES_EVERY_S / TICK_S)):
-                seen, *_ = env.step(published | {FORECASTER: last_report(seen[FORECASTER])} | vehicles(seen))
+                seen, *_ = env.step(published | {FORECASTER: last_reports(seen[FORECASTER])} | vehicles(seen))
                 if env.world.time_s % OBSERVED_EVERY_S < 1e-6:
                     effects.observe(env.world)
                 if not env.agents:
@@ -137,14 +137,6 @@ def checked(action: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         raise InvalidInputError(f"expected target speeds of 0 to {FASTEST_MPS:g} m/s, got {action.min():g} to "
                                 f"{action.max():g}")  # fmt: skip
     return action.astype(np.float32)
-
-
-def last_report(history: Float32Array) -> Float32Array:
-    """(S,), m/s: last reported speed of each segment; the speed of free traffic without a report."""
-    out = np.full(history.shape[1], FASTEST_MPS, dtype=np.float32)
-    for row in history:
-        out = np.where(row >= 0.0, row, out)
-    return out
 
 
 def vehicles(seen: Mapping[str, Float32Array]) -> dict[str, Float32Array]:

@@ -142,8 +142,10 @@ def checked_actions(actions: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike
     """Actions as an array of a shape and a type.
 
     Raises:
-        InvalidActionError: They have another shape, or are not finite.
+        InvalidActionError: They have another shape, are complex, or are not finite.
     """
+    if np.iscomplexobj(actions):  # NumPy would drop the imaginary parts
+        raise InvalidActionError(f"expected real numbers, got {actions!r}"[:200])
     try:
         array = np.asarray(actions, dtype=dtype)
     except (TypeError, ValueError) as error:

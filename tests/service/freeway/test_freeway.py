@@ -25,7 +25,7 @@ from dohyo.service.client.worker_session import BadActionError, WorkerSession
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import MORNING_SCORES, is_agent_fault, summary_of_morning
-from dohyo.service.freeway.drive import FASTEST_MPS, checked, drive_morning, last_report, vehicles
+from dohyo.service.freeway.drive import FASTEST_MPS, checked, drive_morning, vehicles
 from dohyo.service.freeway.planner import plan_shape
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
@@ -277,11 +277,6 @@ def plan(database: Database, evaluation_id: str, deviation: float | None, throug
 def test_plans_are_checked(action: np.ndarray, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         checked(action, (2, 4))
-
-
-def test_the_forecaster_takes_the_last_report_however_old() -> None:
-    history = np.array([[-1.0, 20.0, 10.0], [-1.0, -1.0, 12.0]], dtype=np.float32)
-    np.testing.assert_allclose(last_report(history), [FASTEST_MPS, 20.0, 12.0])
 
 
 def test_a_vehicle_near_its_leader_is_left_to_its_driver() -> None:

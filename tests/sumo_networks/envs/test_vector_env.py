@@ -165,6 +165,7 @@ def test_arrays_fit_the_spaces_and_belong_to_the_caller(pair: VectorDrivingEnv) 
     [
         (np.zeros((2, 3)), r"shape \(2, 2\), got shape \(2, 3\)"),
         (np.full((2, 2), np.nan), "finite"),
+        (np.full((2, 2), 1j), "expected real numbers"),
         ("left", "shape"),
     ],
 )
