@@ -59,7 +59,9 @@ MEANINGS: Mapping[FaultKind, FaultMeaning] = MappingProxyType(
         FaultKind.SHORT: FaultMeaning("m long", "join its two junctions in netedit"),
         FaultKind.KINK: FaultMeaning("degrees", _BY_HAND),
         FaultKind.CURVATURE: FaultMeaning("m of radius", "no drawn mission passes here; or mend it in netedit"),
-        FaultKind.LIGHT_AT_BEND: FaultMeaning("crossings", "import with --fix: removes it where nobody crosses"),
+        FaultKind.LIGHT_AT_BEND: FaultMeaning(
+            "crossings", "import with --fix removes it where nobody crosses; one with crossings stays"
+        ),
         FaultKind.LONG_PHASE: FaultMeaning("s, longest phase", "import with --fix: gives the light a usual program"),
         FaultKind.LIMIT: FaultMeaning("km/h", "import with --fix: sets the usual limit of the network"),
         FaultKind.NO_LANES: FaultMeaning(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -72,6 +73,14 @@ def test_a_long_table_is_shown_in_part_and_a_linked_drive_always(browser: Browse
     expect(phone.locator("#drives tbody tr:visible")).to_have_count(12)
     assert phone.evaluate("document.documentElement.scrollWidth") <= 360
     assert phone.evaluate("document.querySelector('#drives').offsetHeight") < 4000
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_long_names_stay_inside_the_page(browser: Browser, tmp_path: Path, width: int) -> None:
+    names = ("a" * 80, "lane-keeper[shield=rss,localization=es-ekf,gnss=gnss_rtk]")
+    found = [evaluation(drives(name, [red()], [hit()]), tmp_path, name[:8]) for name in names]
+    page = opened(browser, report(tmp_path, *found)[0].as_uri(), width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_zoomed_scales_span_the_values_and_say_so(browser: Browser, address: str) -> None:
