@@ -5,6 +5,7 @@ import { command } from "./command.js";
 import { h } from "./dom.js";
 import { agentName, estimateCells, scale, whisker } from "./estimate.js";
 import { interval, number } from "./format.js";
+import { unread } from "./notice.js";
 import { scoreOf } from "./scores.js";
 import { colours } from "./subject.js";
 import { copyButton, table } from "./table.js";
@@ -17,9 +18,9 @@ import { copyButton, table } from "./table.js";
  */
 export async function crossPlay(benchmark, egos, version) {
   const path = `/v1/benchmarks/${encodeURIComponent(benchmark)}/cross-play?version=${encodeURIComponent(version)}`;
-  const document = await get(path).catch((error) => ({ failure: error.message }));
+  const document = await get(path).catch((failure) => ({ failure }));
   const content = document.failure
-    ? [h("h2", {}, "Cross-play"), h("p", { class: "problem" }, document.failure)]
+    ? unread("Cross-play", document.failure)
     : document.agents.length
       ? await matrix(document, path)
       : empty(benchmark, egos, document.other_versions);

@@ -7,6 +7,7 @@ import { missing, whisker } from "../estimate.js";
 import { bar, measures, standing } from "../evaluation.js";
 import { moment, number, short } from "../format.js";
 import { agentsOf, isMixed } from "../mixed.js";
+import { unread } from "../notice.js";
 import { goodness, hasInfractions, scoreOf, shown } from "../scores.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, table } from "../table.js";
@@ -20,7 +21,7 @@ page(async () => {
   const path = `/v1/agents/${encodeURIComponent(name)}`;
   const [agent, submissions, evaluations, colour] = await Promise.all([
     get(path),
-    getAll(`${path}/submissions`).catch(() => []),
+    getAll(`${path}/submissions`).catch((failure) => ({ failure })),
     getAll(`/v1/evaluations?agent=${encodeURIComponent(name)}`),
     colours([name]),
   ]);
@@ -66,11 +67,11 @@ page(async () => {
 async function benchmarkPart(evaluation, evaluations) {
   const name = evaluation.benchmark;
   const [metrics, board] = await Promise.all([
-    get(`/v1/evaluations/${encodeURIComponent(evaluation.id)}/metrics`).catch(() => null),
-    readBoard(new URLSearchParams({ benchmark: name })).catch(() => ({ rows: [], total: 0 })),
+    get(`/v1/evaluations/${encodeURIComponent(evaluation.id)}/metrics`).catch((failure) => ({ failure })),
+    readBoard(new URLSearchParams({ benchmark: name })).catch((failure) => ({ rows: [], total: 0, failure })),
   ]);
-  if (!metrics) return null;
-  const versions = await scoresByVersion(evaluation, evaluations);
+  if (metrics.failure) return h("section", {}, unread(name, metrics.failure));
+  const versions = await scoresByVersion(evaluation, evaluations).catch((failure) => ({ failure }));
   const whole = metrics.all;
   return h(
     "section",
@@ -82,6 +83,7 @@ async function benchmarkPart(evaluation, evaluations) {
       h("a", { href: `/evaluations/${encodeURIComponent(evaluation.id)}` }, "latest evaluation"),
     ),
     measures(whole, 6),
+    versions.failure && [h("h3", {}, `${headline(whole).title} over versions`), unread(null, versions.failure)],
     versions.length > 1 && overVersions(versions, headline(whole)),
     h("div", { class: "columns" }, hasInfractions(whole.scores) && infractionsPart(whole, board), cellsPart(Object.entries(metrics.cells), whole)),
   );
@@ -89,14 +91,16 @@ async function benchmarkPart(evaluation, evaluations) {
 
 const headline = (summary) => shown(summary.scores, 1)[0];
 
-/** The headline of the latest finished evaluation of each version on the same benchmark version, for the newest ones. */
+/** The headline of the latest finished evaluation of each version on the same benchmark version, for the newest ones; without secret ones. */
 async function scoresByVersion(evaluation, evaluations) {
   const same = evaluations.filter((one) => one.status === "done" && one.benchmark_version === evaluation.benchmark_version);
   const newest = new Map([...same].reverse().map((one) => [one.version, one])); // `evaluations` has the newest first
   const some = [...newest.values()].sort((a, b) => a.version - b.version).slice(-MOST_VERSIONS);
   const points = await Promise.all(
     some.map(async (one) => {
-      const metrics = await get(`/v1/evaluations/${encodeURIComponent(one.id)}/metrics`).catch(() => null);
+      const metrics = await get(`/v1/evaluations/${encodeURIComponent(one.id)}/metrics`).catch((error) => {
+        if (error.status !== 403) throw error;
+      });
       const estimate = metrics?.all.scores[headline(metrics.all).key];
       return { version: one.version, href: `/evaluations/${encodeURIComponent(one.id)}`, estimate };
     }),
@@ -104,7 +108,7 @@ async function scoresByVersion(evaluation, evaluations) {
   return points.filter(({ estimate }) => typeof estimate?.mean === "number");
 }
 
-function infractionsPart(whole, { rows: field, total }) {
+function infractionsPart(whole, { rows: field, total, failure }) {
   const others = field.length < total ? `the first ${field.length} agents` : "all agents";
   const rows = Object.keys(words.marks)
     .map((kind) => ({ kind, own: whole.per_km[kind], median: median(field.map((one) => one.per_km[kind] ?? 0)) }))
@@ -117,8 +121,8 @@ function infractionsPart(whole, { rows: field, total }) {
       csv: (row) => row.kind,
     },
     { title: "per km", css: "estimate", cell: (row) => whisker(row.own, top), csv: (row) => row.own?.mean },
-    { title: `median of ${others}`, numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
-  ];
+    !failure && { title: `median of ${others}`, numeric: true, cell: (row) => number(row.median), csv: (row) => row.median },
+  ].filter(Boolean);
   return h(
     "div",
     {},
@@ -126,6 +130,7 @@ function infractionsPart(whole, { rows: field, total }) {
     rows.length
       ? h("div", { class: "panel wide" }, table(columns, rows, { name: "infractions" }))
       : h("p", { class: "note" }, "No infraction in any drive."),
+    failure && [h("h3", {}, "Median of all agents"), unread(null, failure)],
   );
 }
 
@@ -210,6 +215,7 @@ function history(evaluations, name) {
 }
 
 function versions(submissions) {
+  if (submissions.failure) return h("section", {}, unread("Versions", submissions.failure));
   if (!submissions.length) return null;
   const columns = [
     { title: "version", cell: (row) => `v${row.version}` },

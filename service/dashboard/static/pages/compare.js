@@ -6,6 +6,7 @@ import { agentName, estimateCells, scale, verdict, whisker } from "../estimate.j
 import { isLost } from "../evaluation.js";
 import { familyOf, sideScore } from "../families.js";
 import { number, short, softwareText } from "../format.js";
+import { unread } from "../notice.js";
 import { goodness, shown } from "../scores.js";
 import { colours } from "../subject.js";
 import { copyButton, table } from "../table.js";
@@ -231,9 +232,11 @@ function scenarios(given, colour) {
 /** Missions or days by agents: the mean score over seeds; the better, the stronger the shade. */
 async function matrix({ evaluations, family, score }) {
   if (!family.mission) return;
+  const heading = family.mission === "day" ? "Days by agents" : "Missions by agents";
   const sides = await Promise.all(
-    evaluations.map((one) => getAll(`/v1/evaluations/${encodeURIComponent(one.evaluation)}/episodes`).catch(() => [])),
-  );
+    evaluations.map((one) => getAll(`/v1/evaluations/${encodeURIComponent(one.evaluation)}/episodes`)),
+  ).catch((failure) => ({ failure }));
+  if (sides.failure) return fill(byId("matrix"), unread(heading, sides.failure));
   const scoresOf = (side, mission) =>
     side
       .filter((one) => one.scenario === mission && one.status === "done" && !isLost(one))
@@ -254,7 +257,6 @@ async function matrix({ evaluations, family, score }) {
       csv: (row) => mean(row.scores[i]) ?? "",
     })),
   ];
-  const heading = family.mission === "day" ? "Days by agents" : "Missions by agents";
   fill(
     byId("matrix"),
     h("div", { class: "heading" }, h("h2", {}, heading), copyButton(columns, rows)),
@@ -302,7 +304,7 @@ async function watch(given, scenario, colour, move = true) {
   section.scrollIntoView();
   const theatre = h("div", { class: "theatre" });
   const loaded = await Promise.all(scenario.episodes.slice(0, PLAYED).map(load)).catch((error) => {
-    if (!signal.aborted) section.lastChild.replaceWith(unread(error));
+    if (!signal.aborted) section.lastChild.replaceWith(noReplays(error));
   });
   if (!loaded || signal.aborted) return;
   section.lastChild.replaceWith(theatre);
@@ -314,7 +316,7 @@ async function watch(given, scenario, colour, move = true) {
   theatre.querySelector("canvas").focus({ preventScroll: true });
 }
 
-const unread = (error) => h("p", { class: "problem", role: "alert" }, `The replays could not be read: ${error.message}`);
+const noReplays = (error) => h("p", { class: "problem", role: "alert" }, `The replays could not be read: ${error.message}`);
 
 function title(given, scenario, i, colour) {
   const { agent, name } = given.evaluations[i];

@@ -7,7 +7,7 @@ import { bar, isLost, measures, standing } from "../evaluation.js";
 import { moment, number, softwareText, span } from "../format.js";
 import { measureColumns, measuredBy, worstFirst } from "../measured.js";
 import { agentsOf, agentsText, byAgent, driverOf, driversLine, isMixed } from "../mixed.js";
-import { staleNotice } from "../notice.js";
+import { staleNotice, unread } from "../notice.js";
 import { colours, subject } from "../subject.js";
 import { copyButton, renewed, table } from "../table.js";
 import { turns } from "../turns.js";
@@ -21,7 +21,7 @@ const FAULTS = /agent could not be set up|agent raised|agent's action|agent did 
 const id = subject();
 const base = `/v1/evaluations/${encodeURIComponent(id)}`;
 const finished = (status) => ["done", "failed", "cancelled"].includes(status);
-const state = { evaluation: null, episodes: [], metrics: null, colour: {}, started: performance.now(), before: 0 };
+const state = { evaluation: null, episodes: [], metrics: null, failure: null, colour: {}, started: performance.now(), before: 0 };
 const notice = staleNotice();
 const reads = turns();
 const attempts = turns();
@@ -55,13 +55,17 @@ page(async () => {
 /** Reads the evaluation, all of its episodes and its metrics again; false if a later read has begun meanwhile. */
 async function read() {
   const isLast = reads();
+  let failure = null; // of the metrics, without which the rest is shown
   const [evaluation, episodes, metrics] = await Promise.all([
     get(base),
     getAll(`${base}/episodes`),
-    get(`${base}/metrics`).catch(() => state.metrics),
+    get(`${base}/metrics`).catch((error) => {
+      failure = error;
+      return state.metrics;
+    }),
   ]);
   if (!isLast()) return false;
-  Object.assign(state, { evaluation, episodes, metrics });
+  Object.assign(state, { evaluation, episodes, metrics, failure });
   return true;
 }
 
@@ -104,7 +108,10 @@ function show() {
   showProgress();
   showScores();
   showEpisodes();
-  showAttempts().catch((error) => console.info(error));
+  showAttempts().catch((error) => {
+    console.info(error);
+    fill(byId("attempts"), unread("Attempts and failures", error));
+  });
 }
 
 function title() {
@@ -187,6 +194,8 @@ function showScores() {
   const kind = measuredBy(state.episodes[0]);
   if (summary && isMixed(state.evaluation)) fill(byId("scores"), byAgent(state.metrics, state.colour));
   else if (summary) fill(byId("scores"), h("h2", {}, "Scores"), measures(summary, kind ? 8 : 4, kind?.keys[0]));
+  if (state.failure && summary) byId("scores").append(...unread(null, state.failure).filter(Boolean));
+  else if (state.failure) fill(byId("scores"), unread("Scores", state.failure));
 }
 
 function showEpisodes() {
