@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import Page, Route
 
 from tests.service.browsing import Visit, Visitor
+from tests.service.dashboard.conftest import Site
 
 LONG = "reckless-with-a-very-long-name-" + "0123456789" * 4
 PAGES = {
@@ -59,6 +60,32 @@ def test_a_long_name_breaks_and_widens_no_page(visit: Visitor, path: str, width:
     assert page.evaluate("document.documentElement.scrollWidth") == width
     assert page.evaluate(SPILLS) == []
     assert page.evaluate(HIDDEN) == []
+
+
+@pytest.mark.parametrize("lost", [0, 12])
+@pytest.mark.parametrize("width", [1440, 1280, 1024])
+def test_all_columns_of_a_board_fit(visit: Visitor, site: Site, width: int, lost: int) -> None:
+    site.fake.lost = {"all": lost} if lost else {}
+    one = renamed(visit, width)
+    page = one.go("/")
+    assert page.locator("td[data-label='lost drives']").count() == (2 if lost else 0)
+    assert page.evaluate(SPILLS) == []
+    assert page.evaluate(HIDDEN) == []
+
+
+def test_an_unbroken_title_widens_no_page_of_an_organiser(visit: Visitor) -> None:
+    one = visit(width=390)
+    document = {
+        "name": "cup", "title": "a" * 150, "organiser": "lab", "teams": 1, "my_team": None, "may_organise": True,
+        "announcements": [], "rules": "", "phases": [], "baselines": [],
+    }  # fmt: skip
+    one.page.route("**/v1/challenges/cup", lambda route: route.fulfill(json=document))
+    one.page.route("**/v1/challenges/cup/*", lambda route: route.fulfill(json=[]))
+    one.page.route("**/v1/agents?*", lambda route: route.fulfill(json={"items": [], "next": None}))
+    one.page.route("**/v1/me", lambda route: route.fulfill(json={"owner": "lab", "role": "admin", "token": "tok-1"}))
+    page = one.go("/challenges/cup/organise")
+    assert "a" * 150 in page.locator("main").inner_text()
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
 
 
 def test_a_short_name_stays_whole_beside_a_long_one(visit: Visitor) -> None:

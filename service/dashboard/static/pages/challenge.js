@@ -119,7 +119,7 @@ async function boardPart(phase) {
     byId("board"),
     h("div", { class: "heading sub" }, h("h3", {}, board.final ? "Final board" : "Board"), board.rows.length > 0 && copyButton(columns, board.rows)),
     board.rows.length
-      ? h("div", { class: "panel wide" }, table(columns, board.rows, { name: "board", caption: `Board of phase ${phase.name}` }))
+      ? h("div", { class: "panel wide" }, table(columns, board.rows, { name: "board", css: "board", caption: `Board of phase ${phase.name}` }))
       : h("p", { class: "note" }, board.final ? "No complete run was on time." : "No complete run yet."),
     h(
       "p",

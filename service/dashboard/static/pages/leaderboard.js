@@ -36,7 +36,7 @@ page(async () => {
     filters(benchmarks, board.versions, name, query, rows.length ? copyButton(columns, rows) : null),
     rows.length
       ? [
-          h("div", { class: "panel wide" }, table(columns, rows, { name: "board", caption: `Leaderboard of ${name}` })),
+          h("div", { class: "panel wide" }, table(columns, rows, { name: "board", css: "board", caption: `Leaderboard of ${name}` })),
           notes(board, rows, asked),
         ]
       : empty(name, benchmarks, query.get("track")),
