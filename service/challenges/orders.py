@@ -27,7 +27,14 @@ TeamName = Annotated[
 ]
 ChallengeName = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[a-z0-9][a-z0-9-]*$")]
 Title = Annotated[str, Field(min_length=1, max_length=200, description="Title, for people.")]
-Rules = Annotated[str, Field(max_length=100_000, description="Rules, as Markdown text.")]
+Rules = Annotated[
+    str,
+    Field(
+        max_length=100_000,
+        description="Rules, in a part of Markdown: headings, lists without levels, paragraphs, fenced code, `code`, "
+        "**bold** and links to http(s) addresses; anything else, such as a table or HTML, is shown as text.",
+    ),
+]
 
 
 class ChallengeOrder(BaseModel):
