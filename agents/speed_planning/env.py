@@ -224,7 +224,7 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
         return {agent: np.clip(one, UNKNOWN_MPS, None) for agent, one in seen.items()}
 
 
-def last_reports(history: FloatArray) -> FloatArray:
+def last_reports(history: FloatArray | Float32Array) -> FloatArray:
     """(S,) last report of each segment in a history (M, S), m/s; `FASTEST_MPS` where there is none."""
     speeds = np.full(history.shape[1], FASTEST_MPS)
     for row in history:

@@ -103,7 +103,9 @@ def _drive(order: EpisodeOrder, scenario: MorningScenario, env: DissipationEnv, 
             state = env.state_of(last_reports(seen[FORECASTER])).astype(np.float32)
             published = {PLANNER: plan(tick, state, env.world.time_s)}
             for _ in range(round(DECIDES_EVERY_S / TICK_S)):
-                seen, *_ = env.step(published | {FORECASTER: last_reports(seen[FORECASTER])} | vehicles(seen))
+                seen, *_ = env.step(
+                    published | {FORECASTER: last_reports(seen[FORECASTER]).astype(np.float32)} | vehicles(seen)
+                )
                 if env.world.time_s % OBSERVED_EVERY_S < 1e-6:
                     effects.observe(env.world)
                 if not env.agents:
