@@ -21,7 +21,8 @@ from dohyo.agents.speed_planning.planner import LOOK_AHEAD_M, PUBLISHED_EVERY_S,
 from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.agents.speed_planning.traffic_state import LaneGrid, fuse
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
-from dohyo.sumo_networks.envs.options import episode_seed
+from dohyo.sumo_networks.ego.control import InvalidActionError
+from dohyo.sumo_networks.envs.env_rows import checked_actions, episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.demand import draw_demand
 from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS
@@ -172,15 +173,12 @@ class DissipationEnv(ParallelEnv):  # type: ignore[misc]
         self._pings.observe(world)
 
     def _checked(self, agent: str, action: Float32Array) -> Float32Array:
-        expected = self.action_space(agent).shape
         try:
-            given = np.asarray(action, dtype=np.float32)
-        except (TypeError, ValueError) as error:
-            told = f"expected {expected} finite speeds, got {action!r:.60}"
-            raise InvalidInputError(f"action of '{agent}': {told}") from error
-        if given.shape != expected or not np.isfinite(given).all():
-            raise InvalidInputError(f"action of '{agent}': expected {expected} finite speeds, got shape {given.shape}")
-        return np.clip(given, 0.0, FASTEST_MPS)
+            given = checked_actions(action, self.action_space(agent).shape or (), np.float32)
+        except InvalidActionError as error:
+            raise InvalidInputError(f"action of '{agent}', speeds in m/s: {error}") from error
+        speeds: Float32Array = np.clip(given, 0.0, FASTEST_MPS)
+        return speeds
 
     def _publish(self, told: dict[str, Float32Array]) -> None:
         """Uses the forecaster's action, and the planner's when a plan is due."""

@@ -14,6 +14,7 @@ from dohyo.sumo_networks.actors.external import ExternalActors
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS, Pose, PoseControl
+from dohyo.sumo_networks.envs.env_rows import episode_seed
 from dohyo.sumo_networks.envs.options import (
     DEFAULT_SENSORS,
     RENDERING,
@@ -24,7 +25,6 @@ from dohyo.sumo_networks.envs.options import (
     check_reward,
     check_time_limit,
     checked_sensors,
-    episode_seed,
 )
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError

@@ -11,7 +11,6 @@ import numpy as np
 from dohyo.sumo_networks.envs.reward import make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.seeds import SEEDS
 from dohyo.sumo_networks.sensors import SensorConfig
 from dohyo.sumo_networks.units import TICK_S
 
@@ -96,14 +95,3 @@ def check_render_mode(mode: str | None) -> None:
     check_names("render_mode", [mode])
     if mode not in RENDER_MODES:
         raise UnknownNameError("render mode", mode, RENDER_MODES)
-
-
-def episode_seed(seed: object) -> int:
-    """The seed of an episode as int, which numpy's whole numbers may give too.
-
-    Raises:
-        InvalidInputError: It is no whole number from 0 to 2^31 - 1.
-    """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < SEEDS:
-        raise InvalidInputError(f"expected a seed, a whole number from 0 to {SEEDS - 1}, got {seed!r}")
-    return int(seed)

@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.envs.env_rows import checked_actions, checked_seed
+from dohyo.sumo_networks.envs.env_rows import checked_actions, episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.limits import MAX_KARTS, most_karts
@@ -21,7 +21,6 @@ from dohyo.sumo_networks.parking.observation import State, action_space, columns
 from dohyo.sumo_networks.parking.picture import draw_picture
 from dohyo.sumo_networks.parking.rules import ALIGNED, Outcome, Rules
 from dohyo.sumo_networks.parking.world import ParkingWorld
-from dohyo.sumo_networks.seeds import SEEDS
 
 Observations = dict[str, Float32Array]
 Infos = dict[str, dict[str, Any]]
@@ -90,7 +89,7 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
             InvalidInputError: The seed is no whole number from 0 to 2^31 - 1; nothing has changed then.
         """
         if seed is not None:
-            seed = _episode_seed(seed)
+            seed = episode_seed(seed)
             self._rng = np.random.default_rng(seed)
         if isinstance(self._scene, Lot):
             self.world.place(0, self._scene, self._rules)
@@ -151,13 +150,6 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
     def _observations(self, agents: list[str]) -> Observations:
         seen = self.world.observations[0][:, self._columns]
         return {agent: seen[self._number(agent)] for agent in agents}
-
-
-def _episode_seed(seed: object) -> int:
-    """As that of `dohyo.sumo_networks.envs.options`, which loads SUMO's reader of networks."""
-    if (checked := checked_seed(seed)) >= SEEDS:
-        raise InvalidInputError(f"expected a seed, a whole number from 0 to {SEEDS - 1}, got {seed!r}")
-    return checked
 
 
 def _checked_karts(karts: object, scene: Scene) -> int:

@@ -83,7 +83,9 @@ def test_bad_actions_and_steps_without_reset_are_refused(env: DissipationEnv) ->
     env.reset()
     with pytest.raises(InvalidInputError, match="action of 'planner'"):
         env.step({PLANNER: np.zeros(3, dtype=np.float32)})
-    with pytest.raises(InvalidInputError, match=r"action of 'planner': expected .* finite speeds, got 'abc'"):
+    with pytest.raises(InvalidInputError, match=r"action of 'planner', speeds in m/s: expected an array .* got 'abc'"):
         env.step({PLANNER: "abc"})  # type: ignore[dict-item]  # what a caller may give
+    with pytest.raises(InvalidInputError, match="expected real numbers"):
+        env.step({FORECASTER: np.full(21, 20.0 + 1j)})  # type: ignore[dict-item]
     with pytest.raises(InvalidInputError, match="finite"):
         env.step({FORECASTER: np.full(21, np.nan, dtype=np.float32)})
