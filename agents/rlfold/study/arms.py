@@ -36,6 +36,7 @@ _ARMS: Final[Mapping[str, DrivingArm]] = {
     "as-released": DrivingArm("stands at a target of 0 alone", PICTURES, ("town.stand_below=0",)),
     "bounded": DrivingArm("the mean bounded, as released", PICTURES, (_BOUNDED,)),
     "lawful": DrivingArm("lights and stop signs count", PICTURES, (_LAWFUL,)),
+    "lawful-bounded": DrivingArm("lights count, the mean bounded", PICTURES, (_LAWFUL, _BOUNDED)),
     "lawful-scaled": DrivingArm("lights count, A-LIX scaled to small maps", PICTURES, (_LAWFUL, _SCALED)),
 }
 _OF_TWIN: Final = (
