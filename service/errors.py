@@ -19,6 +19,7 @@ from starlette.requests import ClientDisconnect
 
 from dohyo.evaluation.settings import SettingsError
 from dohyo.service.database.engine import FencedError
+from dohyo.service.web.spelling import expected_spelling
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError, UnknownNameError
 
 PROBLEM = "application/problem+json"
@@ -222,9 +223,16 @@ def _answer(error: Exception) -> JSONResponse:
 def _invalid_request(request: Request, error: Exception) -> JSONResponse:
     """Names the place and the expected value of each fault, but not the received one, which may be a secret."""
     given = error.errors() if isinstance(error, RequestValidationError) else []
-    faults = [{"where": ".".join(str(part) for part in one["loc"]), "expected": str(one["msg"])} for one in given]
+    faults = [{"where": ".".join(str(part) for part in one["loc"]), "expected": _expected(one)} for one in given]
     first = faults[0] if faults else {"where": "request", "expected": "another one"}
     return problem(422, f"{first['where']}: {first['expected']}", errors=faults[:FAULTS])
+
+
+def _expected(fault: Mapping[str, Any]) -> str:
+    """What was expected; of a name, how it is spelled."""
+    if fault["type"] == "string_pattern_mismatch":
+        return expected_spelling(fault["ctx"]["pattern"])
+    return str(fault["msg"])
 
 
 def _http_exception(request: Request, error: Exception) -> JSONResponse:

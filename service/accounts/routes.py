@@ -19,11 +19,12 @@ from dohyo.service.errors import ForbiddenError, NotFoundError, TooManyRequestsE
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Identifier, Limit, problems
+from dohyo.service.web.spelling import OWNER_NAME
 from dohyo.service.web.views import Page
 
 router = APIRouter(prefix="/v1", tags=["tokens"], responses=problems(403), route_class=StrictRoute)
 
-Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._@-]*$")]
+Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=OWNER_NAME)]
 
 
 PER_OWNER = 50

@@ -16,9 +16,9 @@ from dohyo.service.episodes.readers import Readers, ReadersOf, evaluation_for
 from dohyo.service.errors import NotFoundError
 from dohyo.service.evaluations.access import Aspect
 from dohyo.service.state import Services, ServicesOf
-from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
 from dohyo.service.web.heavy import Heavy
+from dohyo.service.web.spelling import ID
 
 router = APIRouter(prefix="/v1", tags=["comparison"], responses=problems(403, 404))
 

@@ -27,6 +27,7 @@ from dohyo.service.evaluations.model import BenchmarkVersion
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.documents import After, Identifier, Limit, problems
 from dohyo.service.web.heavy import heavy_read
+from dohyo.service.web.spelling import BENCHMARK_NAME
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 router = APIRouter(prefix="/v1", tags=["leaderboard"], responses=problems(403, 404))
@@ -36,7 +37,7 @@ BenchmarkName = Annotated[
     Query(
         min_length=1,
         max_length=100,
-        pattern=r"^[A-Za-z0-9._-]+$",
+        pattern=BENCHMARK_NAME,
         examples=["quickstart"],
         description="For the board of its open ranking; not needed beside `ranking`.",
     ),

@@ -10,10 +10,11 @@ from sqlalchemy.orm import Session
 from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark
 from dohyo.service.boards import queries as reading
 from dohyo.service.episodes.readers import Readers
+from dohyo.service.web.spelling import VERSION_HASH
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 VersionHash = Annotated[
-    str | None, Query(pattern=r"^[0-9a-f]{8,64}$", description="Content hash or its beginning; by default the newest.")
+    str | None, Query(pattern=VERSION_HASH, description="Content hash or its beginning; by default the newest.")
 ]
 
 

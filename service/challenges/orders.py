@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from dohyo.service.boards.model import Audience, Counts
+from dohyo.service.web.spelling import CHALLENGE_NAME, OWNER_NAME, TEAM_NAME
 
 YEARS = range(2000, 2200)
 
@@ -21,11 +22,9 @@ def _in_utc(given: datetime) -> datetime:
 
 Time = Annotated[AwareDatetime, AfterValidator(_in_utc)]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
-Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._@-]*$")]
-TeamName = Annotated[
-    str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9 ._-]*[A-Za-z0-9._-])?$")
-]
-ChallengeName = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[a-z0-9][a-z0-9-]*$")]
+Owner = Annotated[str, Field(min_length=1, max_length=100, pattern=OWNER_NAME)]
+TeamName = Annotated[str, Field(min_length=1, max_length=100, pattern=TEAM_NAME)]
+ChallengeName = Annotated[str, Field(min_length=1, max_length=100, pattern=CHALLENGE_NAME)]
 Title = Annotated[str, Field(min_length=1, max_length=200, description="Title, for people.")]
 Rules = Annotated[
     str,

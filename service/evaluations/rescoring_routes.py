@@ -17,9 +17,9 @@ from dohyo.service.evaluations.metrics_views import RescoredView
 from dohyo.service.evaluations.rescoring import LAMBDA, rescore
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.web.bodies.strict_route import StrictRoute
-from dohyo.service.web.caching import ID
 from dohyo.service.web.documents import problems
 from dohyo.service.web.heavy import Heavy
+from dohyo.service.web.spelling import ID
 
 router = APIRouter(prefix="/v1", tags=["metrics"], responses=problems(404), route_class=StrictRoute)
 

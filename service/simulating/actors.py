@@ -8,10 +8,11 @@ import msgspec
 from msgspec import Meta
 
 from dohyo.service.errors import ConflictError
+from dohyo.service.web.spelling import ACTOR_NAME
 from dohyo.sumo_networks.actors.external import MOST_ACTORS, SIZES, ExternalActor, ExternalActors
 from dohyo.sumo_networks.world import ActorKind
 
-ActorName = Annotated[str, Meta(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]*$")]
+ActorName = Annotated[str, Meta(min_length=1, max_length=100, pattern=ACTOR_NAME)]
 KindName = Literal["car", "van", "truck", "bus", "bicycle", "emergency", "pedestrian", "static"]
 Role = Literal["ego", "traffic"]
 

@@ -18,6 +18,7 @@ from dohyo.service.submissions.model import Agent
 from dohyo.service.submissions.views import AgentView, view_agent
 from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.documents import After, Limit, Name, problems
+from dohyo.service.web.spelling import AGENT_NAME
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -39,7 +40,7 @@ class AgentOrder(BaseModel):
         json_schema_extra={"examples": [{"name": "team-blue-mpc", "description": "Model predictive control."}]},
     )
 
-    name: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    name: Annotated[str, Field(min_length=1, max_length=100, pattern=AGENT_NAME)]
     description: Annotated[str, Field(max_length=2000)] = ""
 
 

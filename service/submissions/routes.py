@@ -33,6 +33,7 @@ from dohyo.service.web.bodies.strict_json import JsonError, parse_json
 from dohyo.service.web.bodies.strict_route import StrictRoute
 from dohyo.service.web.bodies.uploads import form_body, receive_upload
 from dohyo.service.web.documents import Limit, Name, problems
+from dohyo.service.web.spelling import SHA256
 from dohyo.service.web.views import Page
 from dohyo.sumo_networks.ego.control import CONTROLS
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -108,10 +109,8 @@ class RemoteOrder(_Order):
     sensors: Annotated[list[Text], Field(min_length=1, max_length=50)] = ["speedometer", "route"]
     control: Text = "target_speed_steering"
     entry: Annotated[str | None, Field(min_length=1, max_length=200)] = None
-    source_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$", description="Of the agent's program.")] = ""
-    files_sha256: Annotated[
-        str, Field(pattern=r"^([0-9a-f]{64})?$", description="Of the files that it reads, such as weights.")
-    ] = ""
+    source_sha256: Annotated[str, Field(pattern=SHA256, description="Of the agent's program.")] = ""
+    files_sha256: Annotated[str, Field(pattern=SHA256, description="Of the files that it reads, such as weights.")] = ""
 
 
 SubmissionOrder = Annotated[BuiltinOrder | RemoteOrder, Body(discriminator="kind")]

@@ -8,8 +8,8 @@ from fastapi import Path, Request
 from pydantic import BaseModel
 
 from dohyo.service.state import Services
+from dohyo.service.web.spelling import ID
 
-ID = r"^[A-Za-z0-9_-]+$"
 YEAR_S = 31_536_000
 
 Identified = Annotated[str, Path(min_length=1, max_length=40, pattern=ID, examples=["ep-9f86d081884c7d65"])]
