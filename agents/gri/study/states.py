@@ -23,7 +23,7 @@ CLAIMS: Final = of_ablation(
     Claim("driving-full-iqn-p100", "<", ALONE, "success"),
 )
 STUDY: Final = unseen_study(
-    "driving-full",
+    ("driving-full",),
     CLAIMS,
     {
         ALONE: (60.6, 59.3, 40.0),

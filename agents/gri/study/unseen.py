@@ -38,12 +38,12 @@ UNSEEN: Final = Sample("nocrash", tuple(f"town-test.{traffic}.test" for traffic 
 
 
 def unseen_study(
-    problem: str, claims: Sequence[Claim], reported: Reported, published: str, summary: str
+    problems: Sequence[str], claims: Sequence[Claim], reported: Reported, published: str, summary: str
 ) -> Study[Options]:
-    """A study of all arms of a problem.
+    """A study of all arms of some problems.
 
     Args:
-        problem: Name in `PROBLEMS`.
+        problems: Names in `PROBLEMS`.
         claims: What is decided; their places are amounts of traffic, or empty for all.
         reported: Success in the thesis's unseen town and weather, %, by traffic, of the arms that it has.
         published: Folder of the stored rows, and first part of the tables' names.
@@ -53,7 +53,7 @@ def unseen_study(
     return replace(
         study.STUDY,
         summary=summary,
-        cells=partial(cells, problem),
+        cells=partial(cells, problems),
         work=work,
         tables={
             published: partial(success, reported),
@@ -72,9 +72,9 @@ def drivers(problem: str) -> list[str]:
     return [name for name, arm in ARMS.items() if arm.problem == problem]
 
 
-def cells(problem: str, options: Options) -> list[Cell]:
+def cells(problems: Sequence[str], options: Options) -> list[Cell]:
     """Missions of the unseen town, of each training."""
-    return cells_of([Block(drivers(problem), PROBLEMS[problem].trainings, UNSEEN.places())])
+    return cells_of([Block(drivers(one), PROBLEMS[one].trainings, UNSEEN.places()) for one in problems])
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
