@@ -116,8 +116,8 @@ def infractions(results: Results) -> str:
     for arm, own in by_arm(results.kept, ARMS).items():
         km, found = infractions_per_km(own)
         rates = [f"{found[kind]:.2f}" for kind in PER_KM]
-        lines.append([ARMS[arm].told, f"{km:.1f}", *rates])
-    return markdown(["arm", "km", *PER_KM.values()], lines) if lines else ""
+        lines.append([ARMS[arm].told, f"{own[0]['steps']:,}", f"{km:.1f}", *rates])
+    return markdown(["arm", "steps", "km", *PER_KM.values()], lines) if lines else ""
 
 
 def _there(row: Row, where: str) -> bool:

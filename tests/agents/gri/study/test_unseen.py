@@ -47,7 +47,7 @@ def test_tables_tell_success_beside_the_thesis_and_decide() -> None:
     line = next(one for one in states.STUDY.tables["unseen"](results).splitlines() if "GRIAD" in one)
     assert line.startswith("| GRIAD, 3 to 1 | 3 | 100,000 | 225 | 80.0 [")
     assert line.endswith("| 68.7 / 63.3 / 52 |")
-    assert "| IQN alone | 112.5 | 0.00 | 2.00 |" in unseen.infractions(results)
+    assert "| IQN alone | 100,000 | 112.5 | 0.00 | 2.00 |" in unseen.infractions(results)
     claims = states.STUDY.tables["unseen-claims"](results)
     assert [one.split("|")[2].strip() for one in claims.splitlines()[2:]] == ["empty", "regular", "dense", ""]
     assert claims.count("reproduced") == 4
@@ -56,10 +56,10 @@ def test_tables_tell_success_beside_the_thesis_and_decide() -> None:
 def test_encoders_are_compared_on_the_same_missions_as_states() -> None:
     of_pictures = pictures.STUDY.cells(Options())
     arms = {cell.arm for cell in of_pictures}
-    assert {ARMS[arm].problem for arm in arms} == {"driving-vis"}
+    assert {ARMS[arm].problem for arm in arms} == {"driving-vis", "driving-vis-full"}
     assert {side for claim in pictures.CLAIMS for side in (claim.left, claim.right)} == arms
     assert {cell.scenario for cell in of_pictures} == {cell.scenario for cell in CELLS}
-    results = Results([{**row, "arm": pictures.WHOLE} for row in rows(GRIAD, 20)], {})
+    results = Results([{**row, "arm": "driving-vis-iqn-affordances"} for row in rows(GRIAD, 20)], {})
     assert pictures.STUDY.tables["pictures"](results).splitlines()[-1].endswith("| \N{EM DASH} |")
 
 
