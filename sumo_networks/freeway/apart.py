@@ -5,20 +5,24 @@ After a simulation of queues (meso), SUMO rejects bicycles for the rest of the p
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
+import socket
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 from dohyo.sumo_networks.errors import SimulationError
-from dohyo.sumo_networks.processes import worker_context, worker_process
+from dohyo.sumo_networks.processes import worker_process
 
 Result = TypeVar("Result")
 Progress = Callable[[float], None]
 
 
 def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Result:
-    """Calls a function in a fresh process.
+    """Calls a function in a fresh process; where this process may open no sockets, in a new interpreter.
 
     Args:
         drive: Function to call with a function that receives its progress; it and its result can be pickled.
@@ -31,8 +35,8 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
         SimulationError: The process ended without an answer.
         Exception: The function raised this error.
     """
-    ours, theirs = worker_context().Pipe(duplex=False)
-    process = worker_process(_answer, theirs, drive)
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    process = _process(theirs, drive)
     process.start()
     theirs.close()
     try:
@@ -42,13 +46,23 @@ def drive_apart(drive: Callable[[Progress], Result], progress: Progress) -> Resu
         process.join()
         raise SimulationError(f"SUMO's own process ended with exit code {process.exitcode}") from None
     finally:
-        process.kill()
+        ours.close()  # a process that may not be killed ends when it next tells its progress
+        with suppress(PermissionError):  # as in an episode process of a service
+            process.kill()
         process.join()
-        ours.close()
     result, error = said
     if error is not None:
         raise error
     return result  # type: ignore[no-any-return]
+
+
+def _process(theirs: Connection, drive: Callable[[Progress], Result]) -> BaseProcess:
+    """A process that sends the progress and result of a function, not started yet."""
+    try:
+        socket.socket(socket.AF_UNIX).close()
+    except PermissionError:  # the server of worker processes needs one, a new interpreter none
+        return multiprocessing.get_context("spawn").Process(target=_answer, args=(theirs, drive), daemon=True)
+    return worker_process(_answer, theirs, drive)
 
 
 def _answer(connection: Connection, drive: Callable[[Progress], Result]) -> None:

@@ -28,6 +28,8 @@ from dohyo.service.client.worker_session import BadActionError, Drive, LeaseLost
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import FORECAST_SCORES, summary_of_day
+from dohyo.service.forecasting.drive import judge_again
+from dohyo.service.submissions.model import AgentKind
 from tests.agents.forecasting.roads import write_folder
 from tests.service.harness import Harness, assert_problem, finish, running
 from tests.service.served import Service
@@ -107,6 +109,17 @@ def test_the_example_forecasts_a_day(service: Service, client: Client, monkeypat
     (day,) = recorded(client, service, evaluation)
     assert day.failure is None
     assert day.forecasts == FORECASTS
+
+
+@pytest.mark.slow
+def test_a_whole_day_that_nobody_has_made_is_made_by_the_service(service: Service, client: Client) -> None:
+    """Its queues are simulated from an episode process, which may open no socket; here the day is made once more."""
+    benchmark = load_forecasting("forecast-easy").model_copy(update={"number": 1})
+    info = describe_agent(SHIPPED, TSMIXER, "builtin")
+    evaluation = service.submit(info, benchmark, seeds=[5], kind=AgentKind.BUILTIN)
+    (day,) = recorded(client, service, evaluation)
+    assert day.failure is None
+    assert judge_again(day).content_hash() == day.content_hash()
 
 
 def kind_of(name: str) -> str:

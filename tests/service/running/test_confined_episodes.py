@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.sumo_networks.freeway.days import drive_day
+from dohyo.sumo_networks.freeway.scenario import FreewayScenario
 from tests.service.conftest import MakeService
 from tests.service.served import info_of, short
 from tests.service.tables import sqlite_with_tables
@@ -71,3 +73,29 @@ PROGRAM = """if True:
 def test_a_model_in_an_episode_process_is_ended_at_its_deadline() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr
+
+
+MINUTE = FreewayScenario(seed=3, start_s=6 * 3600, duration_s=60.0, warm_up_s=60.0)
+QUEUES = f"""if True:
+    from dohyo.service.confinement.rights import confine_episodes
+    from dohyo.sumo_networks.freeway.days import drive_day
+    from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+
+    confine_episodes()
+    shares = []
+    day = drive_day(FreewayScenario.model_validate_json({MINUTE.model_dump_json()!r}), "meso", shares.append)
+    print(shares[-1], day.truth.speed_mps.tobytes().hex())
+    try:
+        drive_day(FreewayScenario(network="nowhere", seed=3, start_s=0.0, duration_s=60.0), "meso")
+    except Exception as error:
+        print(error)
+"""
+
+
+def test_an_episode_process_drives_days_of_queues_as_any_other() -> None:
+    """The simulation has a process of its own, which is started without a socket and ended without a signal."""
+    done = subprocess.run([sys.executable, "-c", QUEUES], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    day, failure = done.stdout.splitlines()
+    assert day == f"1.0 {drive_day(MINUTE, 'meso').truth.speed_mps.tobytes().hex()}"
+    assert "no network named 'nowhere'" in failure
