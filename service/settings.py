@@ -83,7 +83,7 @@ class Settings(BaseSettings):
         worlds_per_owner: Most live worlds of one owner.
         world_idle_s: Time without any request after which a world ends, s.
         lease_ttl_s: Silence after which a worker loses its lease, s.
-        act_deadline_s: Wall-clock limit of one decision while the simulation waits, s.
+        act_deadline_s: Wall-clock limit of one decision while the simulation waits, at least 0.1 s.
         webhook_private_addresses: Whether webhooks may call this machine and its private network.
         webhook_authorities: PEM file of certificate authorities for webhooks, besides the usual ones.
         drain_s: Time for running episodes to end after SIGTERM, s.
@@ -130,7 +130,7 @@ class Settings(BaseSettings):
     worlds_per_owner: Annotated[int, Field(ge=1)] = 2
     world_idle_s: Annotated[float, Field(gt=0)] = 600.0
     lease_ttl_s: Annotated[float, Field(gt=0)] = 30.0
-    act_deadline_s: Annotated[float, Field(gt=0)] = 10.0
+    act_deadline_s: Annotated[float, Field(ge=0.1)] = 10.0
     webhook_private_addresses: bool = False
     webhook_authorities: Path | None = None
     drain_s: Annotated[float, Field(ge=0)] = 30.0

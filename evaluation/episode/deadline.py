@@ -32,15 +32,19 @@ def deadline(seconds: float, what: str) -> Iterator[None]:
         yield
         return
 
+    inside = True
+
     def expire(number: int, frame: FrameType | None) -> None:
-        raise _Expired
+        if inside:  # the signal may come between the end of the block and that of the timer
+            raise _Expired
 
     previous = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
     try:
+        signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
         yield
     except _Expired:
         raise AgentTimeoutError(f"{what} took longer than {seconds:g} s") from None
     finally:
+        inside = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, previous)

@@ -103,7 +103,7 @@ class PhaseOrder(BaseModel):
         Field(ge=0, le=30 * 86_400, description="Time after `closes` in which runs may still end and count, s."),
     ] = 0.0
     act_deadline_s: Annotated[
-        float | None, Field(gt=0, le=600, description="Wall-clock time for one decision, s; default: the service's.")
+        float | None, Field(ge=0.1, le=600, description="Wall-clock time for one decision, s; default: the service's.")
     ] = None
     slow_policy: Annotated[
         Literal["wait", "realtime"], Field(description="Whether the simulation waits for a remote agent.")

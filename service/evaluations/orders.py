@@ -75,7 +75,9 @@ class EvaluationOrder(BaseModel):
     ] = None
     act_deadline_s: Annotated[
         float | None,
-        Field(gt=0, le=600, description="Of a practice run: wall-clock time for one decision; default: the service's."),
+        Field(
+            ge=0.1, le=600, description="Of a practice run: wall-clock time for one decision; default: the service's."
+        ),
     ] = None
 
     egos: Annotated[

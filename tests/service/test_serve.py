@@ -10,6 +10,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import select
 
 from dohyo.service.database.engine import Database
@@ -148,6 +149,12 @@ def test_beyond_this_machine_only_with_tls_or_on_purpose(tmp_path: Path) -> None
         check_exposure(Settings(tls_certificate=pem))
     with pytest.raises(InvalidInputError, match="no file"):
         check_exposure(Settings(tls_certificate=pem, tls_key=tmp_path / "none.pem"))
+
+
+def test_a_decision_may_take_a_tenth_of_a_second_at_least() -> None:
+    assert Settings(act_deadline_s=0.1).act_deadline_s == 0.1
+    with pytest.raises(ValidationError):
+        Settings(act_deadline_s=0.09)
 
 
 @pytest.mark.parametrize(

@@ -264,6 +264,7 @@ def test_what_may_not_enter_a_phase(service: Harness) -> None:
         ({"closes": "2030-01-01T00:00:00"}, "body.closes"),
         ({"closes": "9999-12-31T23:59:59Z", "grace_s": 86400}, "body.closes"),
         ({"runs_per_period": 0}, "body.runs_per_period"),
+        ({"act_deadline_s": 0.09}, "body.act_deadline_s"),
         ({"board": "nobody"}, "body.board"),
         ({"color": "red"}, "body.color"),
     ],

@@ -90,6 +90,7 @@ def test_lists_are_newest_first_filtered_and_paged(stored: Harness) -> None:
         ({"version": 10**30}, 422),
         ({"slow_policy": "never"}, 422),
         ({"act_deadline_s": 0}, 422),
+        ({"act_deadline_s": 0.09}, 422),
         ({"act_deadline_s": 1e9}, 422),
         ({"rules": "3.0"}, 422),
     ],
