@@ -94,7 +94,7 @@ class PhaseOrder(BaseModel):
     runs_per_period: Annotated[
         int, Field(ge=1, le=1000, description="Most runs that a team may order within `period_s`, over all its agents.")
     ] = 5
-    period_s: Annotated[float, Field(gt=0, le=366 * 86_400, description="Length of that period, s.")] = 86_400.0
+    period_s: Annotated[float, Field(ge=60, le=366 * 86_400, description="Length of that period, s.")] = 86_400.0
     counts: Annotated[Counts, Field(description="Which complete run of a team is its place.")] = Counts.BEST
     opens: Annotated[Time | None, Field(description="Earliest time of an order; default: at once.")] = None
     closes: Annotated[Time, Field(description="Latest time of an order.")]

@@ -128,6 +128,18 @@ def move_closing(ranking: Ranking, closes: datetime, ends: datetime) -> None:
     ranking.closes, ranking.ends = closes, ends
 
 
+def remove_phase(session: Session, phase: Ranking) -> None:
+    """Deletes a phase without runs.
+
+    Raises:
+        ConflictError: Runs were ordered for it, which stay on its board.
+    """
+    if count_runs(session, phase.id):
+        raise ConflictError(f"runs were ordered for phase '{phase.name}'; only a phase without runs can be deleted")
+    session.delete(phase)
+    session.flush()
+
+
 def teams_of(session: Session, challenge: Challenge) -> list[tuple[Team, list[str]]]:
     """Teams of a challenge by name, each with its members."""
     query = (

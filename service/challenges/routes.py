@@ -16,6 +16,7 @@ from dohyo.service.boards.ranking_views import RankingView, view_ranking
 from dohyo.service.challenges import queries as challenges
 from dohyo.service.challenges.model import Challenge
 from dohyo.service.challenges.orders import BaselineOrder, ChallengeChange, ChallengeOrder, PhaseChange, PhaseOrder
+from dohyo.service.challenges.suitability import check_phase
 from dohyo.service.challenges.views import (
     AnnouncementView,
     BaselineView,
@@ -93,6 +94,7 @@ def create_phase(name: Name, order: PhaseOrder, caller: Organiser, services: Ser
     benchmark = find_benchmark(order.benchmark)
     seeds = challenges.draw_seeds(order.draw_seeds) if order.draw_seeds else order.seeds or benchmark.seeds
     seeds = list(dict.fromkeys(seeds))
+    check_phase(order, benchmark, seeds)
     benchmark.scenarios(seeds[:1])  # a benchmark that cannot be driven is refused now, and not at the first run
     kept = "name", "secret", "runs_per_period", "period_s", "counts", "opens", "closes", "ends", "slow_policy", "track"
     audiences = "verified_only", "board", "replays", "records"
@@ -120,13 +122,19 @@ def postpone_phase(
     with services.database.session() as session:
         serialise(session)
         challenge = organised(session, caller, name)
-        phase = session.get(Ranking, identifier)
-        if phase is None or phase.challenge_id != challenge.id:
-            raise NotFoundError(f"challenge '{name}' has no phase '{identifier}'")
+        phase = _phase_of(session, challenge, identifier)
         grace = phase.ends - phase.closes if phase.ends and phase.closes else timedelta()
         challenges.move_closing(phase, change.closes, change.closes + grace)
         session.flush()
         return next(one for one in _phases(session, caller, [challenge])[challenge.id] if one.id == identifier)
+
+
+@router.delete("/{name}/phases/{identifier}", status_code=204, responses=problems(403, 404, 409))
+def delete_phase(name: Name, identifier: Identifier, caller: Organiser, services: ServicesOf) -> None:
+    """Deletes a phase for which nobody has ordered a run."""
+    with services.database.session() as session:
+        serialise(session)
+        challenges.remove_phase(session, _phase_of(session, organised(session, caller, name), identifier))
 
 
 @router.post("/{name}/baselines", status_code=201, responses=problems(403, 404, 413, 507))
@@ -173,6 +181,13 @@ def organised(session: Session, caller: Caller, name: str) -> Challenge:
     if not caller.organises(challenge.owner):
         raise ForbiddenError(f"challenge '{name}' is organised by another owner")
     return challenge
+
+
+def _phase_of(session: Session, challenge: Challenge, identifier: str) -> Ranking:
+    phase = session.get(Ranking, identifier)
+    if phase is None or phase.challenge_id != challenge.id:
+        raise NotFoundError(f"challenge '{challenge.name}' has no phase '{identifier}'")
+    return phase
 
 
 def _views(session: Session, caller: Caller, rows: Sequence[Challenge]) -> list[ChallengeView]:

@@ -122,7 +122,7 @@ def make_challenge(page: Page, closes: datetime) -> None:
     page.wait_for_url("**/challenges/autumn/organise")
     page.get_by_label("Name").fill("final")
     page.get_by_label("Benchmark").select_option("sprint")
-    page.get_by_label("Seeds").fill("1")
+    page.get_by_label("Seeds").fill("6")
     page.get_by_label("Secret").select_option("yes")
     page.get_by_label("Ranked runs of a team").fill("1")
     page.get_by_label("Closes").fill(closes.strftime("%Y-%m-%dT%H:%M:%S"))

@@ -121,6 +121,7 @@ def test_only_its_organiser_changes_a_challenge(service: Harness) -> None:
         ("PATCH", "/v1/challenges/cup", {"rules": "mine"}),
         ("POST", "/v1/challenges/cup/phases", {"name": "x", "benchmark": "quickstart", "closes": in_days(1)}),
         ("PATCH", f"/v1/challenges/cup/phases/{ranking}", {"closes": in_days(2)}),
+        ("DELETE", f"/v1/challenges/cup/phases/{ranking}", None),
         ("POST", "/v1/challenges/cup/invitations", {}),
         ("GET", "/v1/challenges/cup/invitations", None),
         ("DELETE", "/v1/challenges/cup/invitations/in-0", None),
@@ -254,26 +255,57 @@ def test_what_may_not_enter_a_phase(service: Harness) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "where"),
+    ("change", "says"),
     [
-        ({"secret": True, "draw_seeds": None}, "body.secret"),
-        ({"seeds": [1], "draw_seeds": 2}, "body.draw_seeds"),
-        ({"seeds": [1, 7, 7], "draw_seeds": None}, "a seed comes twice: 7"),
-        ({"opens": "2030-01-02T00:00:00Z", "closes": "2030-01-01T00:00:00Z"}, "body.closes"),
-        ({"closes": "2020-01-01T00:00:00Z"}, "closes"),
-        ({"closes": "2030-01-01T00:00:00"}, "body.closes"),
-        ({"closes": "9999-12-31T23:59:59Z", "grace_s": 86400}, "body.closes"),
-        ({"runs_per_period": 0}, "body.runs_per_period"),
-        ({"act_deadline_s": 0.09}, "body.act_deadline_s"),
-        ({"board": "nobody"}, "body.board"),
-        ({"color": "red"}, "body.color"),
+        ({"secret": True, "draw_seeds": None}, ["body.secret"]),
+        ({"seeds": [1], "draw_seeds": 2}, ["body.draw_seeds"]),
+        ({"seeds": [1, 7, 7], "draw_seeds": None}, ["a seed comes twice: 7"]),
+        ({"opens": "2030-01-02T00:00:00Z", "closes": "2030-01-01T00:00:00Z"}, ["body.closes"]),
+        ({"closes": "2020-01-01T00:00:00Z"}, ["closes"]),
+        ({"closes": "2030-01-01T00:00:00"}, ["body.closes"]),
+        ({"closes": "9999-12-31T23:59:59Z", "grace_s": 86400}, ["body.closes"]),
+        ({"runs_per_period": 0}, ["body.runs_per_period"]),
+        ({"act_deadline_s": 0.09}, ["body.act_deadline_s"]),
+        ({"period_s": 59.0}, ["body.period_s"]),
+        ({"board": "nobody"}, ["body.board"]),
+        ({"benchmark": "parking-complex", "draw_seeds": 5}, ["body.draw_seeds: expected at least 6 seeds"]),
+        ({"benchmark": "dissipation", "draw_seeds": None, "seeds": [1, 2]}, ["body.seeds: expected at least 6 seeds"]),
+        ({"benchmark": "forecast-hard", "draw_seeds": None}, ["body.seeds: expected at least 2 seeds"]),
+        ({"draw_seeds": None, "seeds": [9, 1, 0], "secret": True}, ["body.seeds: expected none of", "got 0, 1"]),
+        ({"benchmark": "dissipation", "draw_seeds": 6, "track": "sensors"}, ["body.track: expected 'privileged'"]),
+        ({"benchmark": "forecast-easy", "track": "privileged"}, ["body.track: expected 'sensors'"]),
+        ({"benchmark": "parking-simple", "draw_seeds": 6, "track": "map"}, ["body.track", "'sensors' or 'privileged'"]),
+        ({"color": "red"}, ["body.color"]),
     ],
 )
-def test_an_impossible_phase_is_refused_with_its_place(service: Harness, change: dict[str, Any], where: str) -> None:
+def test_an_impossible_phase_is_refused_with_its_place(
+    service: Harness, change: dict[str, Any], says: list[str]
+) -> None:
     organiser = service.caller("lab", Role.ORGANISER)
     assert organiser.post("/v1/challenges", {"name": "cup", "title": "t"}).status_code == 201
     order = {"name": "p", "benchmark": "quickstart", "draw_seeds": 1, "closes": in_days(1)} | change
-    assert_problem(organiser.post("/v1/challenges/cup/phases", order), 422, where)
+    assert_problem(organiser.post("/v1/challenges/cup/phases", order), 422, *says)
+
+
+@pytest.mark.parametrize(
+    ("benchmark", "track"),
+    [("dissipation", "privileged"), ("parking-simple", "privileged"), ("forecast-easy", "sensors")],
+)
+def test_a_phase_on_the_track_of_its_agents_has_six_drives(service: Harness, benchmark: str, track: str) -> None:
+    make_challenge(service.caller("lab", Role.ORGANISER), benchmark=benchmark, draw_seeds=6, track=track, secret=True)
+
+
+def test_a_phase_can_be_deleted_until_a_run_was_ordered(stored: Harness) -> None:
+    organiser = stored.caller("lab", Role.ORGANISER)
+    ranking, other = make_challenge(organiser), make_challenge(organiser, "other")
+    ann = admit(stored, organiser, "ann")
+    ann.agent("a")
+    assert_problem(organiser.delete(f"/v1/challenges/cup/phases/{other}"), 404, "has no phase")
+    assert organiser.delete(f"/v1/challenges/other/phases/{other}").status_code == 204
+    assert organiser.get("/v1/challenges/other").json()["phases"] == []
+    run = enter(ann, "a", ranking)["id"]
+    assert ann.post(f"/v1/evaluations/{run}/cancel").status_code in (200, 202, 204)
+    assert_problem(organiser.delete(f"/v1/challenges/cup/phases/{ranking}"), 409, "only a phase without runs")
 
 
 def test_a_run_that_ended_in_time_counts_though_it_is_stored_after_the_end(stored: Harness) -> None:

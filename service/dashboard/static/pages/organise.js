@@ -71,7 +71,7 @@ function phaseForm(benchmarks) {
       field("Seeds", "draw_seeds", input("number", { min: 1, max: 100, placeholder: "the benchmark's own" }), "A number: so many are drawn at random, held out from training. Empty: the benchmark's own seeds."),
       field("Secret", "secret", select([["", "no"], ["yes", "until the phase ends"]]), "Withholds seeds, scenarios, replays and records. Needs drawn seeds."),
       field("Ranked runs of a team", "runs_per_period", input("number", { min: 1, max: 1000, value: 3, required: true })),
-      field("within hours", "period_s", input("number", { min: 0.01, step: "any", value: 24, required: true })),
+      field("within hours", "period_s", input("number", { min: 0.02, step: "any", value: 24, required: true })),
       field("A team's place", "counts", select([["best", "its best complete run"], ["first", "the run that it orders first"]])),
       field("Opens", "opens", input("datetime-local", { step: 1 }), "Empty: at once."),
       field("Closes", "closes", input("datetime-local", { step: 1, required: true })),
