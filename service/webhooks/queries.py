@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -15,11 +16,32 @@ from dohyo.service.evaluations.model import Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import mark_announced, names_of
 from dohyo.service.webhooks.model import Delivery, Webhook
 
-ATTEMPTS = 8
+ATTEMPTS = 81
+"""Attempts at a message until it is given up, after three days of waiting in all."""
 FIRST_WAIT = timedelta(seconds=10)
+LONGEST_WAIT = timedelta(hours=1)
 KEPT = timedelta(days=14)
 """Time for which a message is kept that was delivered or given up."""
 FINISHED = tuple(status for status in EvaluationStatus if status.finished)
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How the messages of a webhook fare that are still kept.
+
+    Attributes:
+        waiting: Number of messages that will be sent, or sent again.
+        given_up: Number of messages that will not be sent again.
+        delivered: Time of the last message that was accepted.
+        failed: Time of the last failed attempt at a message that is not accepted yet.
+        failure: Reason of that failure.
+    """
+
+    waiting: int = 0
+    given_up: int = 0
+    delivered: datetime | None = None
+    failed: datetime | None = None
+    failure: str | None = None
 
 
 def add_webhook(session: Session, owner: str, url: str) -> Webhook:
@@ -43,6 +65,26 @@ def list_webhooks(
     if owner is not None:
         query = query.where(Webhook.owner == owner)
     return session.scalars(query.where(Webhook.id > after) if after else query).all()
+
+
+def standings(session: Session, webhooks: Sequence[Webhook]) -> Mapping[str, Standing]:
+    """How the messages of some webhooks fare, by the webhook's identifier; those without messages are left out."""
+    mine = Delivery.webhook_id.in_([webhook.id for webhook in webhooks])
+    accepted = select(Delivery.webhook_id, func.max(Delivery.delivered)).where(mine).group_by(Delivery.webhook_id)
+    found = {webhook: Standing(delivered=delivered) for webhook, delivered in session.execute(accepted)}
+    open_ones = select(Delivery.webhook_id, Delivery.attempts, Delivery.due, Delivery.failure)
+    for webhook, attempts, due, failure in session.execute(open_ones.where(mine, Delivery.delivered.is_(None))):
+        so_far, given_up = found[webhook], attempts >= ATTEMPTS
+        found[webhook] = replace(so_far, waiting=so_far.waiting + (not given_up), given_up=so_far.given_up + given_up)
+        failed = due - wait_after(attempts) if attempts else None
+        if failed is not None and (so_far.failed is None or failed > so_far.failed):
+            found[webhook] = replace(found[webhook], failed=failed, failure=failure)
+    return found
+
+
+def wait_after(attempts: int) -> timedelta:
+    """Time until a message is sent again, of which so many attempts have failed; it doubles until it is the longest."""
+    return min(FIRST_WAIT * (1 << min(attempts - 1, 20)), LONGEST_WAIT)
 
 
 def unannounced(session: Session) -> Sequence[Evaluation]:
@@ -95,7 +137,7 @@ def due_deliveries(
 
 
 def settle(session: Session, delivery_id: str, failure: str | None, *, final: bool = False) -> None:
-    """Stores the result of a delivery; after a failure it is due again with a doubled delay.
+    """Stores the result of a delivery; after a failure it is due again, see `wait_after`.
 
     Old messages of its webhook are deleted.
 
@@ -113,7 +155,7 @@ def settle(session: Session, delivery_id: str, failure: str | None, *, final: bo
     if failure is None:
         delivery.delivered = now()
     else:
-        delivery.due = now() + FIRST_WAIT * 2 ** (delivery.attempts - 1)
+        delivery.due = now() + wait_after(delivery.attempts)
     ended = or_(Delivery.delivered.is_not(None), Delivery.attempts >= ATTEMPTS)
     old = delete(Delivery).where(Delivery.webhook_id == delivery.webhook_id, Delivery.due < now() - KEPT, ended)
     session.execute(old.execution_options(synchronize_session=False))

@@ -37,7 +37,8 @@ def create_webhook(order: WebhookOrder, caller: Submitter, services: ServicesOf)
     """Registers a URL; the answer holds the key of its signatures, which cannot be read again.
 
     Each message is a POST with `Dohyo-Signature: t=TIMESTAMP,v1=HEX`, the HMAC-SHA256 of "TIMESTAMP.BODY" under that
-    key. It is repeated, ever less often, until the answer is 2xx; redirects are not followed.
+    key. It is repeated, at last once an hour, until the answer is 2xx. After three days it is given up, and at once
+    where the answer is 410. Redirects are not followed.
     """
     check_url(order.url, private_allowed=services.settings.webhook_private_addresses)
     with services.database.session() as session:
@@ -45,17 +46,18 @@ def create_webhook(order: WebhookOrder, caller: Submitter, services: ServicesOf)
         if queries.count_webhooks(session, caller.owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} webhooks; delete one", retry_s=3600)
         webhook = queries.add_webhook(session, caller.owner, order.url)
-    return NewWebhook(**view_webhook(webhook).model_dump(), secret=webhook.secret)
+    return NewWebhook(**view_webhook(webhook, queries.Standing()).model_dump(), secret=webhook.secret)
 
 
 @router.get("")
 def list_webhooks(
     caller: Submitter, services: ServicesOf, limit: Limit = 100, after: After = None
 ) -> Page[WebhookView]:
-    """Lists your webhooks."""
+    """Lists your webhooks, and whether their messages are accepted."""
     with services.database.reading() as session:
         rows = queries.list_webhooks(session, caller.owner, limit + 1, after)
-    items = [view_webhook(webhook) for webhook in rows[:limit]]
+        found = queries.standings(session, rows[:limit])
+        items = [view_webhook(webhook, found.get(webhook.id, queries.Standing())) for webhook in rows[:limit]]
     return Page(items=items, next=items[-1].id if len(rows) > limit else None)
 
 

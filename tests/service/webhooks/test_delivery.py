@@ -37,6 +37,7 @@ def receiver() -> Iterator[Receiver]:
 def telling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Harness]:
     monkeypatch.setattr(delivery, "POLL_S", 0.02)
     monkeypatch.setattr(webhooks, "FIRST_WAIT", timedelta(seconds=0.02))
+    monkeypatch.setattr(webhooks, "ATTEMPTS", 8)
     with running(tmp_path / "data", webhook_private_addresses=True) as harness:
         yield harness
 
@@ -128,7 +129,16 @@ def test_redirects_are_not_followed(telling: Harness, receiver: Receiver, monkey
         "http://[2002:7f00:1::]/",
         "http://[2001:0:7f00:1::]/",
         "http://[::10.0.0.1]/",
+        "http://[::ffff:0:7f00:1]/",
+        "http://[fec0::1]/",
         "http://100.64.0.1/",
+        "https://ex ample.org/",
+        "https://ex%20ample.org/",
+        "http://a..b/",
+        "https://.example.org/",
+        "https://example.org../",
+        "https://" + 64 * "a" + ".org/",
+        "https://" + 127 * "a." + "org/",
         "https://user:secret@example.org/",
         "ftp://example.org/",
         "file:///etc/passwd",
@@ -148,6 +158,21 @@ def test_addresses_that_no_webhook_may_have(service: Harness, url: str) -> None:
     assert team.get("/v1/webhooks").json()["items"] == []
 
 
+@pytest.mark.parametrize(
+    "url",
+    [
+        "https://example.org./x",
+        "https://a_b.ex-ample.org",
+        "https://münchen.example/hook",
+        "https://" + 63 * "a" + ".org",
+        "http://93.184.215.14:8080/",
+        "http://[2606:4700::1111]/",
+    ],
+)
+def test_names_and_public_addresses_of_any_spelling(url: str) -> None:
+    delivery.check_url(url, private_allowed=False)
+
+
 def test_a_public_name_that_leads_inside_is_refused_when_it_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
     async def address_of(answers: list[str]) -> str:
         def getaddrinfo(*_: Any, **__: Any) -> list[Any]:
@@ -157,7 +182,16 @@ def test_a_public_name_that_leads_inside_is_refused_when_it_is_called(monkeypatc
         return await delivery.public_address("example.org", 443, private_allowed=False)
 
     assert asyncio.run(address_of(["93.184.215.14"])) == "93.184.215.14"
-    for inside in ("127.0.0.1", "10.0.0.1", "::1", "169.254.169.254", "::ffff:192.168.1.1", "224.0.0.1"):
+    for inside in (
+        "127.0.0.1",
+        "10.0.0.1",
+        "::1",
+        "169.254.169.254",
+        "::ffff:192.168.1.1",
+        "224.0.0.1",
+        "fec0::1",
+        "::ffff:0:a00:1",
+    ):
         with pytest.raises(InvalidInputError, match="not public"):
             asyncio.run(address_of(["93.184.215.14", inside]))
 
@@ -205,6 +239,44 @@ def test_each_failure_doubles_the_wait(database: Database) -> None:
     with database.session() as session:
         assert session.scalars(select(Delivery)).all() == []  # gone with its webhook
         webhooks.settle(session, "dl-1", None)
+
+
+def test_a_message_is_given_up_after_three_days() -> None:
+    waits = [webhooks.wait_after(attempts) for attempts in range(1, webhooks.ATTEMPTS)]
+    assert waits == sorted(waits)
+    assert max(waits) == timedelta(hours=1)
+    assert timedelta(days=3) < sum(waits, timedelta()) < timedelta(days=3, hours=2)
+
+
+def test_an_owner_sees_whether_messages_are_accepted(telling: Harness, receiver: Receiver) -> None:
+    team = telling.caller("team")
+    made = team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}"}).json()
+    nothing = {"waiting": 0, "given_up": 0, "delivered": None, "failed": None, "failure": None}
+    assert {key: made[key] for key in nothing} == nothing
+
+    def listed() -> dict[str, Any]:
+        (one,) = team.get("/v1/webhooks").json()["items"]
+        assert (one["id"], "secret" in one) == (made["id"], False)
+        return {key: one[key] for key in nothing}
+
+    assert listed() == nothing
+    team.agent("a")
+    receiver.answers = [204, 410]
+    began = now().isoformat()
+    for count in (1, 2):
+        team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+        receiver.wait(count)
+        settled(telling)
+    seen = listed()
+    assert (seen["waiting"], seen["given_up"], seen["failure"]) == (0, 1, "it answered 410")
+    assert began < seen["delivered"] < seen["failed"] <= now().isoformat()
+    with telling.services.database.session() as session:
+        later = now() + timedelta(hours=1)
+        waiting = {"attempts": 2, "due": later, "failure": "it answered 503"}
+        session.add(Delivery(id="dl-2", webhook_id=made["id"], body={}, **waiting))
+        session.add(Delivery(id="dl-3", webhook_id=made["id"], body={}, due=later))
+    seen = listed()
+    assert (seen["waiting"], seen["given_up"], seen["failure"]) == (2, 1, "it answered 503")
 
 
 def test_old_messages_that_are_done_with_go_with_the_next_one(database: Database) -> None:
