@@ -103,9 +103,9 @@ def check_entry(session: Session, ranking: Ranking, submission: Submission, at: 
     """
     at = at or now()
     if ranking.opens is not None and at < ranking.opens:
-        raise ConflictError(f"phase '{ranking.name}' opens at {ranking.opens:%Y-%m-%d %H:%M} UTC")
+        raise ConflictError(f"phase '{ranking.name}' opens at {ranking.opens:%Y-%m-%d %H:%M:%S} UTC")
     if ranking.closes is not None and at >= ranking.closes:
-        raise ConflictError(f"phase '{ranking.name}' closed at {ranking.closes:%Y-%m-%d %H:%M} UTC")
+        raise ConflictError(f"phase '{ranking.name}' closed at {ranking.closes:%Y-%m-%d %H:%M:%S} UTC")
     if ranking.track is not None and submission.track != ranking.track:
         raise ForbiddenError(
             f"phase '{ranking.name}' takes submissions on track '{ranking.track}', yours is on '{submission.track}'"

@@ -24,7 +24,8 @@ from dohyo.sumo_networks.errors import InvalidInputError
 router = APIRouter(prefix="/v1", tags=["challenges"], route_class=StrictRoute)
 
 OPEN_INVITATIONS = 500
-MAY_ENTER = (Role.SUBMITTER, Role.ORGANISER, Role.ADMIN)
+MAY_ENTER = (Role.SUBMITTER, Role.ORGANISER)
+"""Roles whose tokens may take part; administrators see the seeds of secret phases."""
 
 
 @router.post("/challenges/{name}/invitations", status_code=201, responses=problems(403, 404, 413, 507))
