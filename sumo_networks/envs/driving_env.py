@@ -36,6 +36,7 @@ from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from dohyo.sumo_networks.sensors import Observation, Sensor, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
+from dohyo.sumo_networks.simulation.process import RunsOnce
 from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors, World
@@ -43,12 +44,13 @@ from dohyo.sumo_networks.world import Actors, World
 SENSOR_NOISE = 1  # separates this stream of random numbers from the traffic's
 
 
-class DrivingEnv(ParallelEnv):  # type: ignore[misc]
+class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
     """A scenario whose egos follow actions, 10 per second.
 
     An ego's episode terminates at its goal or when its reward function says so. It is truncated when more time has
     passed than the time limit allows, or when the scenario's duration is over. The ego then leaves the road. There can
-    be one started environment per process, since libsumo is global.
+    be one started environment per process, since libsumo is global; it can be copied and pickled only before `reset`
+    and after `close`.
 
     Attributes:
         render_mode: "rgb_array" or None.
@@ -121,6 +123,11 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         return self._simulation is not None
 
     @property
+    def open(self) -> bool:
+        """Whether an episode can go on: `reset` was called, and `close` was not."""
+        return self._simulation is not None and self._simulation.open
+
+    @property
     def world(self) -> World:
         """World after the last tick.
 
@@ -191,9 +198,11 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
         Raises:
             InvalidActionError: An action is missing, is for an unknown ego, has a wrong shape or is not finite;
                 simulation and controls are then unchanged.
-            SimulationError: SUMO failed.
+            SimulationError: SUMO failed, or the environment has not been reset or is closed.
         """
         drove, before = list(self.agents), self.world
+        if not self.open:
+            raise SimulationError(f"the environment of scenario '{self.scenario.name}' is closed; call reset() first")
         if unknown := actions.keys() - self._index.keys():
             raise InvalidActionError(
                 f"expected actions for {', '.join(self.possible_agents)}, got one for {', '.join(map(str, unknown))}"
@@ -282,6 +291,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
         Raises:
             InvalidInputError: The scenario replays a log.
+            SimulationError: The environment is closed.
         """
         return self._simulated().all_actors()
 
@@ -290,6 +300,7 @@ class DrivingEnv(ParallelEnv):  # type: ignore[misc]
 
         Raises:
             InvalidInputError: The scenario itself replays a log.
+            SimulationError: The environment is closed.
         """
         self._simulated().record(recorder)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,11 +45,40 @@ class SumoSession:
     def __init__(self) -> None:
         SumoSession._latest = self
 
+    @property
+    def open(self) -> bool:
+        """Whether this process's SUMO is the one of this session."""
+        return SumoSession._latest is self
+
     def close(self) -> None:
         """Ends SUMO, unless that has happened or another session has begun."""
-        if SumoSession._latest is self:
+        if self.open:
             SumoSession._latest = None
             libsumo.close()
+
+
+class RunsOnce(ABC):
+    """A simulation, or what has one, that can be neither copied nor pickled while it runs.
+
+    A copy would share SUMO, which is global to the process, and move the traffic of the original.
+    """
+
+    @property
+    @abstractmethod
+    def open(self) -> bool:
+        """Whether it runs: it has begun and was not closed."""
+
+    def __getstate__(self) -> object:
+        """Supports copies and pickles of what does not run.
+
+        Raises:
+            SimulationError: It runs.
+        """
+        if self.open:
+            raise SimulationError(
+                "a running simulation cannot be copied; reset another environment with the same seed and actions"
+            )
+        return super().__getstate__()
 
 
 def start_sumo(network: RoadNetwork, seed: int, friction: float) -> SumoSession:

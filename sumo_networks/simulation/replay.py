@@ -12,12 +12,13 @@ from dohyo.sumo_networks.ego.pose import Pose
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.simulation.plan import ScenarioPlan
+from dohyo.sumo_networks.simulation.process import RunsOnce
 from dohyo.sumo_networks.simulation.traffic_log import Log, logs_folder, read_log
 from dohyo.sumo_networks.units import SIGHT_M, TICK_S
 from dohyo.sumo_networks.world import Actors, Egos, World
 
 
-class Replay:
+class Replay(RunsOnce):
     """One scenario against a log, with the interface of `Simulation`; a process may run any number of replays.
 
     Scripted events do not run: their actors are in the log, as all others are.
@@ -38,9 +39,15 @@ class Replay:
         self.plan = plan
         self._log = read_log(plan.scenario.log, logs_folder())
         self._fleet = plan.fleet()
+        self._open = True
         self._tick, self._next_change = 0, 0
         self._signals: IntArray = np.zeros(len(plan.network.signals.link), dtype=np.int64)
         self.world = self._read(self._fleet.read(None))
+
+    @property
+    def open(self) -> bool:
+        """Whether `close` was not called."""
+        return self._open
 
     def tick(self, commands: FloatArray, poses: Mapping[int, Pose] = NOBODY) -> World:
         """Advances the world by 0.1 s.
@@ -50,8 +57,10 @@ class Replay:
             poses: Poses after the tick of the active egos whose vehicles are simulated elsewhere.
 
         Raises:
-            SimulationError: The log has ended.
+            SimulationError: The log has ended, or the replay is closed.
         """
+        if not self._open:
+            raise SimulationError(f"the replay of scenario '{self.plan.scenario.name}' is closed")
         if self._tick + 1 >= self._log.ticks:
             raise SimulationError(f"the log of scenario '{self.plan.scenario.name}' ends at tick {self._tick}")
         self._fleet.advance(commands, TICK_S, poses)
@@ -64,7 +73,8 @@ class Replay:
         self._fleet.active[ego] = False
 
     def close(self) -> None:
-        """Does nothing: a replay has no process to end."""
+        """Ends the replay; safe to call twice."""
+        self._open = False
 
     def _read(self, egos: Egos) -> World:
         actors = in_sight(self._log.actors(self._tick), egos)

@@ -28,13 +28,14 @@ from dohyo.sumo_networks.actors.scripted_actor import ScriptedActor
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
 from dohyo.sumo_networks.ego.fleet import NOBODY
 from dohyo.sumo_networks.ego.pose import Pose
+from dohyo.sumo_networks.errors import SimulationError
 from dohyo.sumo_networks.events.manager import EventManager
 from dohyo.sumo_networks.geometry import boxes_overlap
 from dohyo.sumo_networks.rules.contacts import contacts
 from dohyo.sumo_networks.simulation import sumo_traffic
 from dohyo.sumo_networks.simulation.external_actors import with_external
 from dohyo.sumo_networks.simulation.plan import ScenarioPlan
-from dohyo.sumo_networks.simulation.process import failing_as_simulation_error, set_impatience, start_sumo
+from dohyo.sumo_networks.simulation.process import RunsOnce, failing_as_simulation_error, set_impatience, start_sumo
 from dohyo.sumo_networks.simulation.proxies import SumoProxies
 from dohyo.sumo_networks.simulation.registry import ActorRegistry
 from dohyo.sumo_networks.simulation.scripted_actors import with_scripted
@@ -52,7 +53,7 @@ START_CLEARANCE_M = 20.0
 FASTER = 1.3  # factor on the speed limit that an ego may drive, for the range of a log
 
 
-class Simulation:
+class Simulation(RunsOnce):
     """A running simulation of one scenario in SUMO; one per process at a time, since libsumo is global.
 
     SUMO ends with `close`, or with the last reference to the simulation.
@@ -88,8 +89,8 @@ class Simulation:
         )
         self._events = EventManager(network, plan.scenario.events, plan.egos, plan.routes, events_seed)
         self._jaywalkers = Jaywalkers(network, traffic.jaywalker_count, np.random.default_rng(walkers_seed))
-        session = start_sumo(network, int(sumo_seed.generate_state(1)[0] % 2**31), plan.conditions.friction)
-        self._end_sumo = weakref.finalize(self, session.close)
+        self._session = start_sumo(network, int(sumo_seed.generate_state(1)[0] % 2**31), plan.conditions.friction)
+        self._end_sumo = weakref.finalize(self, self._session.close)
         self._end_sumo.atexit = False  # SUMO ends with the process
         try:
             self._signals = SignalReader(network)
@@ -101,6 +102,11 @@ class Simulation:
             self.close()
             raise
 
+    @property
+    def open(self) -> bool:
+        """Whether its SUMO runs: `close` was not called, and no tick has failed."""
+        return self._session.open
+
     def tick(self, commands: FloatArray, poses: Mapping[int, Pose] = NOBODY) -> World:
         """Advances the world by 0.1 s.
 
@@ -109,8 +115,9 @@ class Simulation:
             poses: Poses after the tick of the active egos whose vehicles are simulated elsewhere.
 
         Raises:
-            SimulationError: SUMO failed.
+            SimulationError: SUMO failed, or the simulation is closed.
         """
+        self._check_open()
         self._fleet.advance(commands, TICK_S, poses)
         egos = self._fleet.read(self.world.egos)
         with failing_as_simulation_error(self._tick):
@@ -140,11 +147,17 @@ class Simulation:
         """Removes an ego from the road; its row in `Egos` keeps its last values."""
         if self._fleet.active[ego]:
             self._fleet.active[ego] = False
-            self._surroundings.forget(self._proxy_names[ego])
-            self._proxies.hide(self._proxy_names[ego])
+            if self.open:
+                self._surroundings.forget(self._proxy_names[ego])
+                self._proxies.hide(self._proxy_names[ego])
 
     def record(self, recorder: LogRecorder) -> None:
-        """Adds the last tick to a log: all actors near places that the egos can reach within the duration."""
+        """Adds the last tick to a log: all actors near places that the egos can reach within the duration.
+
+        Raises:
+            SimulationError: The simulation is closed.
+        """
+        self._check_open()
         if self._survey is None:
             fastest = max(float(route.speed_limit.max()) for route in self.plan.routes)
             ahead_m = FASTER * fastest * (self.plan.scenario.duration_s or 0.0)
@@ -153,7 +166,12 @@ class Simulation:
         recorder.append(names, actors, self.world.signals, self.plan.network)
 
     def all_actors(self) -> tuple[list[str], Actors]:
-        """Names and states of all actors of the network, except egos and external ones; keys are row numbers."""
+        """Names and states of all actors of the network, except egos and external ones; keys are row numbers.
+
+        Raises:
+            SimulationError: The simulation is closed.
+        """
+        self._check_open()
         if self._everywhere is None:
             self._everywhere = Survey(self.plan.network, None)
         return self._everywhere.read(self._proxies.names, self._scripted, self._registry.obstacles())
@@ -161,6 +179,11 @@ class Simulation:
     def close(self) -> None:
         """Ends SUMO; safe to call twice."""
         self._end_sumo()
+
+    def _check_open(self) -> None:
+        """SUMO is global: what reads or moves it here would otherwise do so in another simulation."""
+        if not self.open:
+            raise SimulationError(f"the simulation of scenario '{self.plan.scenario.name}' is closed")
 
     def _apply(self, requests: Iterable[Request]) -> None:
         """Carries out requests in SUMO in order; only this method adds, moves or removes actors."""

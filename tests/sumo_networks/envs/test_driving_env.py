@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any
 
+import libsumo
 import numpy as np
 import pytest
 import supersuit
@@ -366,6 +369,38 @@ def test_two_open_environments_in_one_process_are_refused(make_env: MakeEnv) -> 
     first.close()
     second.reset()
     second.close()
+
+
+def test_a_closed_environment_leaves_an_open_one_alone(make_env: MakeEnv) -> None:
+    closed = make_env(light(), sensors=("speedometer",))
+    closed.reset()
+    open_now = make_env(light(), sensors=("speedometer",))
+    open_now.reset()
+    before = libsumo.simulation.getTime()
+    with pytest.raises(
+        SimulationError, match=r"the environment of scenario 'scenario' is closed; call reset\(\) first"
+    ):
+        closed.step({})
+    with pytest.raises(SimulationError, match="is closed"):
+        closed.all_actors()
+    assert libsumo.simulation.getTime() == before
+    assert open_now.step({"ego": STOP})
+
+
+def test_only_an_environment_that_does_not_run_can_be_copied(make_env: MakeEnv) -> None:
+    env = make_env(light(), sensors=("speedometer",))
+    fresh = copy.deepcopy(env)
+    env.reset(seed=5)
+    driven = drive(env, 1.0, np.array([5.0, 0.0]))
+    for duplicate in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(SimulationError, match="reset another environment with the same seed and actions"):
+            duplicate(env)
+    env.close()
+    again = copy.deepcopy(env)
+    for other in (fresh, again, pickle.loads(pickle.dumps(env))):
+        other.reset(seed=5)
+        np.testing.assert_equal(drive(other, 1.0, np.array([5.0, 0.0])), driven)
+        other.close()
 
 
 def test_a_forgotten_environment_makes_room_for_the_next() -> None:

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import math
+import pickle
 import subprocess
 import sys
 from collections import Counter
+from copy import deepcopy
 from pathlib import Path
 
 import libsumo
@@ -18,6 +20,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 from dohyo.sumo_networks.simulation import START_CLEARANCE_M, Simulation, plan_scenario
 from dohyo.sumo_networks.simulation.sumo_traffic import arrived
+from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.conftest import Start
@@ -269,6 +272,31 @@ def test_a_forgotten_simulation_ends_its_own_sumo_and_no_other() -> None:
     assert driven(other, BRAKE, 0.2)[-1].tick == 2
     other.close()
     assert not libsumo.isLoaded()
+
+
+def test_a_closed_simulation_leaves_the_next_one_alone(start: Start) -> None:
+    closed, world = start(on(straight_road(), standing_at(100.0)))
+    running, _ = start(on(straight_road(), standing_at(300.0)))
+    before = libsumo.simulation.getTime()
+    for use in (lambda: driven(closed, BRAKE, 0.1), closed.all_actors, lambda: closed.record(LogRecorder())):
+        with pytest.raises(SimulationError, match="the simulation of scenario 'scenario' is closed"):
+            use()
+    closed.retire(0)
+    assert closed.world is world
+    assert libsumo.simulation.getTime() == before
+    assert running.tick(BRAKE[None]).tick == 1
+
+
+def test_a_running_simulation_cannot_be_copied(start: Start) -> None:
+    simulation, _ = start(on(straight_road(), standing_at(100.0)))
+    for duplicate in (deepcopy, pickle.dumps):
+        with pytest.raises(SimulationError, match="a running simulation cannot be copied; reset another environment"):
+            duplicate(simulation)
+    assert simulation.tick(BRAKE[None]).tick == 1
+    simulation.close()
+    again = deepcopy(simulation)
+    assert again.world.tick == 1
+    assert not again.open
 
 
 def test_a_plan_can_start_again(start: Start) -> None:

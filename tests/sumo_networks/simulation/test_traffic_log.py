@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
@@ -195,6 +196,15 @@ def test_several_replays_run_in_one_process_and_end_with_their_log() -> None:
     for _ in range(TICKS):
         replay.tick(np.zeros((1, 2)))
     with pytest.raises(SimulationError, match="ends at tick 30"):
+        replay.tick(np.zeros((1, 2)))
+
+
+def test_a_replay_is_neither_copied_while_it_runs_nor_driven_after_its_end() -> None:
+    replay = replaying(straight_road(), scenario(crossing_cars(), logged(crossing_cars())))
+    with pytest.raises(SimulationError, match="a running simulation cannot be copied"):
+        copy.deepcopy(replay)
+    replay.close()
+    with pytest.raises(SimulationError, match="the replay of scenario 'scenario' is closed"):
         replay.tick(np.zeros((1, 2)))
 
 
