@@ -14,6 +14,7 @@ import hmac
 import ipaddress
 import json
 import logging
+import re
 import socket
 import time
 from collections.abc import Collection, Sequence
@@ -35,10 +36,17 @@ POLL_S: Final = 2.0
 TIMEOUT_S: Final = 10.0  # for one message in all: name, connection, and the head of the answer
 AT_ONCE: Final = 256
 RESOLVERS: Final = 32  # threads that ask for addresses; a name server may be as slow as a receiver
-# IPv6 addresses that a translator or a tunnel turns into an IPv4 address, perhaps of a private network.
-EMBEDDING: Final = tuple(
-    ipaddress.ip_network(one) for one in ("64:ff9b::/96", "64:ff9b:1::/48", "2002::/16", "2001::/32", "::/96")
+# IPv6 addresses that a translator or a tunnel turns into an IPv4 address, perhaps of a private network; and the former
+# addresses of sites, which Python calls global.
+INNER: Final = tuple(
+    ipaddress.ip_network(one)
+    for one in (
+        *("64:ff9b::/96", "64:ff9b:1::/48", "2002::/16", "2001::/32", "::/96", "::ffff:0:0:0/96"),
+        "fec0::/10",
+    )
 )
+LABEL: Final = re.compile(r"[A-Za-z0-9_-]{1,63}")
+LONGEST_NAME: Final = 253
 
 logger = logging.getLogger("dohyo.webhooks")
 
@@ -47,7 +55,7 @@ def check_url(url: str, *, private_allowed: bool) -> None:
     """Refuses an impossible URL by its text alone; the address behind its name is checked at every delivery.
 
     Raises:
-        InvalidInputError: Another scheme than https (or http), credentials in it, or an address that is not public.
+        InvalidInputError: Another scheme than https (or http), an impossible name, credentials, or no public address.
     """
     try:
         parts = urlsplit(url)
@@ -55,11 +63,13 @@ def check_url(url: str, *, private_allowed: bool) -> None:
     except ValueError as error:
         raise InvalidInputError(f"webhook: {error}") from error
     try:
-        httpx.URL(url)  # which sends, and refuses more
+        name = httpx.URL(url).raw_host.decode("ascii")  # it sends, and refuses more
     except httpx.InvalidURL as error:
         raise InvalidInputError(f"webhook: {error}") from error
     if parts.scheme not in ("https", "http") or not host or not url.isprintable():
         raise InvalidInputError("webhook: expected a URL such as https://example.org/hook")
+    if ":" not in name and not _is_name(name.removesuffix(".")):
+        raise InvalidInputError(f"webhook: '{host[:LONGEST_NAME]}' is no name of a machine")
     if parts.username is not None or parts.password is not None:
         raise InvalidInputError("webhook: expected a URL without user and password")
     if private_allowed:
@@ -210,13 +220,18 @@ class Deliverer:
             return answer.status_code
 
 
+def _is_name(name: str) -> bool:
+    """Whether a text can be the name of a machine: labels of 1 to 63 letters, digits, '-' and '_'."""
+    return len(name) <= LONGEST_NAME and all(LABEL.fullmatch(label) for label in name.split("."))
+
+
 def _is_private(host: str) -> bool:
     """Whether a host is an address that is not public; a name is not an address."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
         return False
-    if address.version == 6 and any(address in network for network in EMBEDDING):
+    if address.version == 6 and any(address in network for network in INNER):
         return True
     mapped = getattr(address, "ipv4_mapped", None)
     return not (mapped or address).is_global or address.is_multicast
