@@ -223,9 +223,28 @@ def _answer(error: Exception) -> JSONResponse:
 def _invalid_request(request: Request, error: Exception) -> JSONResponse:
     """Names the place and the expected value of each fault, but not the received one, which may be a secret."""
     given = error.errors() if isinstance(error, RequestValidationError) else []
-    faults = [{"where": ".".join(str(part) for part in one["loc"]), "expected": _expected(one)} for one in given]
+    body = error.body if isinstance(error, RequestValidationError) else None
+    faults = [{"where": ".".join(_place(one, body)), "expected": _expected(one)} for one in given]
     first = faults[0] if faults else {"where": "request", "expected": "another one"}
     return problem(422, f"{first['where']}: {first['expected']}", errors=faults[:FAULTS])
+
+
+def _place(fault: Mapping[str, Any], body: object) -> list[str]:
+    """The place of a fault in a body, without the names that the validator gives to the variants of a value."""
+    first, *parts = fault["loc"]
+    place, here = [str(first)], body if first == "body" else None
+    for number, part in enumerate(parts, start=1):
+        of_missing = number == len(parts) and (fault["type"] == "missing" or part == "[key]")
+        if isinstance(here, dict) and part not in here and not of_missing:
+            continue
+        place.append(str(part))
+        if isinstance(here, dict):
+            here = here.get(part)
+        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
+            here = here[part]
+        else:
+            here = None
+    return place
 
 
 def _expected(fault: Mapping[str, Any]) -> str:

@@ -129,6 +129,25 @@ def test_settings_are_checked_by_their_schema_before_anything_is_built(
     assert [one["where"] for one in answer.json()["errors"]] == ["body.settings.max_speed", "body.settings.gap"]
 
 
+@pytest.mark.parametrize(
+    ("order", "where"),
+    [
+        ({"kind": "builtin"}, "body.entry"),
+        ({"kind": "builtin", "entry": 3}, "body.entry"),
+        ({"kind": "builtin", "entry": "idm", "color": "red"}, "body.color"),
+        ({"kind": "builtin", "entry": "idm", "builtin": {}}, "body.builtin"),
+        ({"kind": "remote", "sensors": ["route", 1]}, "body.sensors.1"),
+        ({"kind": "nobody"}, "body"),
+    ],
+)
+def test_the_place_of_a_fault_is_one_that_the_body_has_or_lacks(
+    team: Caller, order: dict[str, object], where: str
+) -> None:
+    answer = team.post("/v1/agents/a/submissions", order)
+    assert_problem(answer, 422, f"{where}: ")
+    assert [one["where"] for one in answer.json()["errors"]] == [where]
+
+
 def test_built_in_agents_are_listed_with_their_settings(team: Caller) -> None:
     listed = {one["name"]: one for one in team.get("/v1/builtin-agents").json()}
     assert listed.keys() == agent_entries().keys()
