@@ -9,7 +9,7 @@ from datetime import timedelta
 from typing import Final
 
 from sqlalchemy import ColumnElement, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from dohyo.service.accounts.model import Token
 from dohyo.service.challenges.model import Challenge, Invitation, Member, Team
@@ -18,6 +18,7 @@ from dohyo.service.errors import ConflictError, ForbiddenError, NotFoundError
 from dohyo.service.submissions.model import Agent
 
 PREFIX: Final = "dohyo_invitation_"
+OWNERS: Final = (Token.owner, Agent.owner, Challenge.owner, Member.owner)
 
 
 def add_invitation(
@@ -73,12 +74,12 @@ def check_new_owner(session: Session, owner: str) -> None:
     """Refuses the name of an existing owner, whose data a new token would open; case does not matter.
 
     Raises:
-        ConflictError: The name is taken.
+        ConflictError: An owner or a team has the name.
     """
-    name = owner.lower()
-    owners = (Token.owner, Agent.owner, Challenge.owner, Member.owner, Team.name)
-    if any(session.scalar(select(func.count()).where(func.lower(column) == name)) for column in owners):
+    if _is_in(session, OWNERS, owner):
         raise ConflictError(f"owner '{owner}' exists; choose another name, or send the token of this owner")
+    if _is_in(session, (Team.name,), owner):
+        raise ConflictError(f"a team has the name '{owner}'; choose another name")
 
 
 def redeem(session: Session, invitation: Invitation, owner: str, team: str | None) -> tuple[Challenge, Team]:
@@ -91,7 +92,8 @@ def redeem(session: Session, invitation: Invitation, owner: str, team: str | Non
         team: Name of the new team, where the invitation names none; None: the owner's name.
 
     Raises:
-        ConflictError: The owner is a participant already, or the name of the new team is taken or in an invitation.
+        ConflictError: The owner is a participant already, or the name of the new team is taken, in an invitation, or
+            another owner's.
         ForbiddenError: The owner organises the challenge, and so knows its secrets.
     """
     challenge = session.get_one(Challenge, invitation.challenge_id)
@@ -99,6 +101,8 @@ def redeem(session: Session, invitation: Invitation, owner: str, team: str | Non
         raise ForbiddenError("the organiser of a challenge cannot take part; enter agents as baselines")
     if session.get(Member, (challenge.id, owner)) is not None:
         raise ConflictError(f"owner '{owner}' takes part in challenge '{challenge.name}' already")
+    if invitation.team is None and team is not None and team.lower() != owner.lower() and _is_in(session, OWNERS, team):
+        raise ConflictError(f"an owner has the name '{team}'; choose another name for the team")
     joined = _team(session, challenge, invitation, team or owner)
     session.add(Member(challenge_id=challenge.id, owner=owner, team_id=joined.id))
     invitation.redeemed, invitation.redeemed_by = now(), owner
@@ -132,6 +136,12 @@ def _team(session: Session, challenge: Challenge, invitation: Invitation, name: 
         session.add(team)
         session.flush()
     return team
+
+
+def _is_in(session: Session, columns: Sequence[InstrumentedAttribute[str]], name: str) -> bool:
+    """Whether some column has a name; case does not matter."""
+    same = (select(column).where(func.lower(column) == name.lower()).limit(1) for column in columns)
+    return any(session.scalar(query) is not None for query in same)
 
 
 def _is_promised(session: Session, challenge: Challenge, team: str) -> bool:

@@ -71,10 +71,11 @@ def add_phase(session: Session, challenge: Challenge, name: str, **conditions: A
     """Adds a phase: a ranking of the challenge.
 
     Raises:
-        ConflictError: The challenge has a phase of this name.
+        ConflictError: The challenge has a phase of this name; case does not matter.
     """
-    if session.scalar(select(Ranking.id).where(Ranking.challenge_id == challenge.id, Ranking.name == name)):
-        raise ConflictError(f"challenge '{challenge.name}' has a phase '{name}'; choose another name")
+    same = (Ranking.challenge_id == challenge.id, func.lower(Ranking.name) == name.lower())
+    if (taken := session.scalar(select(Ranking.name).where(*same).limit(1))) is not None:
+        raise ConflictError(f"challenge '{challenge.name}' has a phase '{taken}'; choose another name")
     phase = Ranking(id=new_id("rk"), challenge_id=challenge.id, name=name, **conditions)
     session.add(phase)
     session.flush()

@@ -48,14 +48,14 @@ class AgentOrder(BaseModel):
 def create_agent(
     order: AgentOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> AgentView:
-    """Registers an agent; no other owner can use the name afterwards."""
+    """Registers an agent; nobody can use the name afterwards, nor one that differs in small and capital letters."""
     request = content_hash({"agent": order.model_dump()})
     with services.database.session() as session:
         serialise(session)
         if made_before(session, caller.owner, idempotency_key, request):
             return view_agent(owned_agent(session, caller, order.name), None)
-        if submissions.find_agent(session, order.name):
-            raise ConflictError(f"agent '{order.name}' exists; choose another name")
+        if (taken := submissions.find_like(session, order.name)) is not None:
+            raise ConflictError(f"agent '{taken.name}' exists; choose another name")
         if submissions.count_agents(session, caller.owner) >= PER_OWNER:
             raise TooManyRequestsError(f"at most {PER_OWNER} agents", retry_s=3600)
         agent = submissions.add_agent(session, order.name, caller.owner, order.description)

@@ -18,6 +18,11 @@ def find_agent(session: Session, name: str) -> Agent | None:
     return session.scalar(select(Agent).where(Agent.name == name))
 
 
+def find_like(session: Session, name: str) -> Agent | None:
+    """An agent of the same name; case does not matter, so that no agent can be taken for another."""
+    return session.scalar(select(Agent).where(func.lower(Agent.name) == name.lower()).limit(1))
+
+
 def count_agents(session: Session, owner: str) -> int:
     """Number of an owner's agents."""
     return session.scalar(select(func.count()).select_from(Agent).where(Agent.owner == owner)) or 0

@@ -212,6 +212,34 @@ def test_codes_that_admit_nobody(service: Harness) -> None:
     assert_problem(service.client.post("/v1/invitations/redeem", json=bob), 409, "team 'RED' exists")
 
 
+def test_no_team_has_the_name_of_another_owner_or_looks_like_another_team(stored: Harness) -> None:
+    organiser, ann = stored.caller("lab", Role.ORGANISER), stored.caller("ann")
+    make_challenge(organiser)
+    stored.caller("bob")
+
+    def redeemed(team: str, **owner: str) -> httpx.Response:
+        code = organiser.post("/v1/challenges/cup/invitations", {}).json()["code"]
+        headers = {} if owner else ann.headers
+        return stored.client.post("/v1/invitations/redeem", json={"code": code, "team": team} | owner, headers=headers)
+
+    for taken in ("lab", "Bob", "ANN"):
+        assert_problem(redeemed(taken, owner="eve"), 409, f"an owner has the name '{taken}'")
+    assert_problem(redeemed("lab"), 409, "an owner has the name 'lab'")
+    assert redeemed("blue  x").status_code == 422
+    assert redeemed("blue x", owner="eve").json()["team"] == "blue x"
+    assert redeemed("Ann").json()["team"] == "Ann"
+    assert redeemed("Mia", owner="mia").json()["team"] == "Mia"
+    assert redeemed("red", owner="red-owner").json()["team"] == "red"
+    assert_problem(redeemed("x", owner="RED"), 409, "a team has the name 'RED'")
+
+
+def test_phases_do_not_differ_in_case_alone(stored: Harness) -> None:
+    organiser = stored.caller("lab", Role.ORGANISER)
+    make_challenge(organiser)
+    order = {"name": "FINAL", "benchmark": "quickstart", "closes": in_days(1)}
+    assert_problem(organiser.post("/v1/challenges/cup/phases", order), 409, "has a phase 'final'")
+
+
 def test_nobody_makes_the_team_that_an_open_invitation_names(service: Harness) -> None:
     """The invited one would join it, and a team has one place and few runs."""
     organiser = service.caller("lab", Role.ORGANISER)

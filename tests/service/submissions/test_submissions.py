@@ -49,7 +49,8 @@ def upload(team: Caller, content: bytes, spec: object = SPEC, name: str = "polic
 def test_names_are_taken_once_for_all_owners(stored: Harness) -> None:
     blue, red = stored.caller("blue"), stored.caller("red")
     assert blue.post("/v1/agents", {"name": "fast"}).status_code == 201
-    assert_problem(red.post("/v1/agents", {"name": "fast"}), 409, "fast")
+    for same in ("fast", "Fast"):
+        assert_problem(red.post("/v1/agents", {"name": same}), 409, "agent 'fast' exists")
     assert_problem(blue.post("/v1/agents", {"name": "fast"}), 409)
     key = {"idempotency-key": "once"}
     for _ in range(2):

@@ -13,6 +13,8 @@ from tests.service.harness import Harness, assert_problem
     ("path", "order", "expected"),
     [
         ("/v1/invitations/redeem", {"code": "x", "team": "reds?"}, "body.team: expected letters of ASCII, digits"),
+        ("/v1/invitations/redeem", {"code": "x", "team": "blue  x"}, "body.team: expected letters of ASCII, digits, s"),
+        ("/v1/invitations/redeem", {"code": "x", "team": "blue "}, "no space at the end"),
         ("/v1/challenges", {"name": "Autumn Cup", "title": "Cup"}, "body.name: expected small letters of ASCII"),
     ],
 )  # fmt: skip
