@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from dohyo.sumo_networks.actors.external import ExternalActors
+from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS, Pose, PoseControl
@@ -41,6 +42,8 @@ from dohyo.sumo_networks.simulation.traffic_log import LogRecorder
 from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import Actors, World
 
+Step = tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
+"""Observations, rewards, terminations, truncations and infos by the egos' names."""
 SENSOR_NOISE = 1  # separates this stream of random numbers from the traffic's
 
 
@@ -104,6 +107,7 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         self._reward_name = reward
         self._plan = plan_scenario(load_network(scenario.network), scenario)
         self._simulation: Simulation | Replay | None = None
+        self._interrupted = False
         self._controls = self._new_controls()
         self._rewards: dict[str, Reward] = {name: make_reward(reward) for name in self.possible_agents if reward}
         self._action_spaces = {name: control.space for name, control in self._controls.items()}
@@ -171,22 +175,21 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             self._seeds = np.random.default_rng(seed)
         elif self._new_seeds:
             seed = int(self._seeds.integers(HELD_OUT_FROM))
+        if self._simulation is not None:
+            self._simulation.close()
+            self._simulation = None
         if seed is not None and seed != self.scenario.seed:
             self._plan = self._plan.with_seed(seed)
             self.scenario = self._plan.scenario
         self._sensors, self._controls = self._new_sensors(), self._new_controls()
         self._rewards = {name: make_reward(self._reward_name) for name in self._rewards if self._reward_name}
         self.agents = list(self.possible_agents)
-        if self._simulation is not None:
-            self._simulation.close()
-            self._simulation = None
+        self._interrupted = False
         self._simulation = start_simulation(self._plan)
         return self._observe(self.agents), {name: {} for name in self.agents}
 
-    def step(
-        self, actions: Mapping[str, Any]
-    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Drives every ego for one tick of 0.1 s.
+    def step(self, actions: Mapping[str, Any]) -> Step:
+        """Drives every ego for one tick of 0.1 s. A step that fails or is interrupted ends the episode of all egos.
 
         Args:
             actions: One action per name in `agents`; actions of egos whose episode has ended are ignored.
@@ -198,22 +201,34 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         Raises:
             InvalidActionError: An action is missing, is for an unknown ego, has a wrong shape or is not finite;
                 simulation and controls are then unchanged.
-            SimulationError: SUMO failed, or the environment has not been reset or is closed.
+            SimulationError: SUMO failed, or the environment is closed, or has been interrupted since its last reset.
         """
-        drove, before = list(self.agents), self.world
-        if not self.open:
-            raise SimulationError(f"the environment of scenario '{self.scenario.name}' is closed; call reset() first")
+        if not self._running.open:
+            what = "was interrupted or failed in a step" if self._interrupted else "is closed"
+            raise SimulationError(f"the environment of scenario '{self.scenario.name}' {what}; call reset() first")
+        checked = self._checked(actions)
+        try:
+            return self._drive(checked)
+        except BaseException:  # also KeyboardInterrupt: controls, egos and sensors may be a tick apart
+            self._interrupted = True
+            self._running.close()
+            raise
+
+    def _checked(self, actions: Mapping[str, Any]) -> dict[str, FloatArray]:
+        """Actions of the egos that drive; all are checked before any control computes, since controls integrate."""
         if unknown := actions.keys() - self._index.keys():
             raise InvalidActionError(
                 f"expected actions for {', '.join(self.possible_agents)}, got one for {', '.join(map(str, unknown))}"
             )
-        if missing := [name for name in drove if name not in actions]:
+        if missing := [name for name in self.agents if name not in actions]:
             raise InvalidActionError(f"expected an action for every ego that drives, got none for {', '.join(missing)}")
-        # All are checked before any control computes, since controls integrate.
-        checked = {name: self._controls[name].checked(actions[name]) for name in drove}
+        return {name: self._controls[name].checked(actions[name]) for name in self.agents}
+
+    def _drive(self, actions: Mapping[str, FloatArray]) -> Step:
+        drove, before = list(actions), self.world
         commands = np.zeros((len(self.possible_agents), 2))
         poses: dict[int, Pose] = {}
-        for name, action in checked.items():
+        for name, action in actions.items():
             ego = self._index[name]
             control = self._controls[name]
             commands[ego] = control.command(action, before, ego)

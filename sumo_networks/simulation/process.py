@@ -100,14 +100,15 @@ def start_sumo(network: RoadNetwork, seed: int, friction: float) -> SumoSession:
     options = (*_OPTIONS, "--device.friction.probability", "1") if slippery else _OPTIONS
     try:
         libsumo.start(["sumo", "-n", str(network.path), "-a", str(_TYPES), "--seed", str(seed), *options])
-    except libsumo.TraCIException as error:
-        libsumo.close()  # SUMO stays open after a failed load
+        if slippery:
+            for edge in libsumo.edge.getIDList():
+                libsumo.edge.setFriction(edge, friction)
+        return SumoSession()
+    except BaseException as error:
+        libsumo.close()  # SUMO stays open after a failed load, and after one that was interrupted
+        if not isinstance(error, libsumo.TraCIException):
+            raise
         raise SimulationError(f"SUMO could not load network '{network.name}': {error}") from error
-    session = SumoSession()
-    if slippery:
-        for edge in libsumo.edge.getIDList():
-            libsumo.edge.setFriction(edge, friction)
-    return session
 
 
 def set_impatience(impatience: float) -> None:

@@ -108,7 +108,7 @@ class Simulation(RunsOnce):
         return self._session.open
 
     def tick(self, commands: FloatArray, poses: Mapping[int, Pose] = NOBODY) -> World:
-        """Advances the world by 0.1 s.
+        """Advances the world by 0.1 s. A tick that fails or is interrupted closes the simulation.
 
         Args:
             commands: (E, 2) demanded drive [m/s^2] and front wheel angle [rad]; rows of inactive egos are ignored.
@@ -118,19 +118,23 @@ class Simulation(RunsOnce):
             SimulationError: SUMO failed, or the simulation is closed.
         """
         self._check_open()
-        self._fleet.advance(commands, TICK_S, poses)
-        egos = self._fleet.read(self.world.egos)
-        with failing_as_simulation_error(self._tick):
-            for ego in np.flatnonzero(self._fleet.active):
-                self._show_ego(int(ego))
-            if self.plan.scenario.events:
-                self._apply(self._events.update(self.world, egos, sumo_traffic.departed(), TICK_S))
-            self._apply(self._jaywalkers.update(TICK_S, sumo_traffic.vehicles_near, self.plan.routes[0].edges))
-            self._apply(self.external.requests(self.plan.routes[0].edges))
-            self.keep_population(self._fleet.centres)
-            libsumo.simulationStep()
-        self._tick += 1
-        self.world = self._read(egos)
+        try:
+            self._fleet.advance(commands, TICK_S, poses)
+            egos = self._fleet.read(self.world.egos)
+            with failing_as_simulation_error(self._tick):
+                for ego in np.flatnonzero(self._fleet.active):
+                    self._show_ego(int(ego))
+                if self.plan.scenario.events:
+                    self._apply(self._events.update(self.world, egos, sumo_traffic.departed(), TICK_S))
+                self._apply(self._jaywalkers.update(TICK_S, sumo_traffic.vehicles_near, self.plan.routes[0].edges))
+                self._apply(self.external.requests(self.plan.routes[0].edges))
+                self.keep_population(self._fleet.centres)
+                libsumo.simulationStep()
+            self._tick += 1
+            self.world = self._read(egos)
+        except BaseException:  # also KeyboardInterrupt: egos, SUMO and world may be a tick apart
+            self.close()
+            raise
         return self.world
 
     def keep_population(self, egos: FloatArray) -> None:
@@ -183,7 +187,8 @@ class Simulation(RunsOnce):
     def _check_open(self) -> None:
         """SUMO is global: what reads or moves it here would otherwise do so in another simulation."""
         if not self.open:
-            raise SimulationError(f"the simulation of scenario '{self.plan.scenario.name}' is closed")
+            name = self.plan.scenario.name
+            raise SimulationError(f"the simulation of scenario '{name}' is closed, or was interrupted in a tick")
 
     def _apply(self, requests: Iterable[Request]) -> None:
         """Carries out requests in SUMO in order; only this method adds, moves or removes actors."""

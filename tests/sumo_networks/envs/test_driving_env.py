@@ -403,6 +403,29 @@ def test_only_an_environment_that_does_not_run_can_be_copied(make_env: MakeEnv) 
         other.close()
 
 
+@pytest.mark.parametrize("where", ["dohyo.sumo_networks.simulation.Simulation.tick", "libsumo.simulationStep"])
+def test_a_step_that_is_interrupted_ends_the_episode(
+    where: str, make_env: MakeEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ctrl_c(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    env = make_env(light(), sensors=("speedometer",), control="target_speed_steering")
+    env.reset(seed=5)
+    whole = drive(env, 1.0, np.array([5.0, 0.0]))
+    env.reset(seed=5)
+    drive(env, 0.5, np.array([5.0, 0.0]))
+    with monkeypatch.context() as patch:
+        patch.setattr(where, ctrl_c)
+        with pytest.raises(KeyboardInterrupt):
+            drive(env, 0.1, np.array([5.0, 0.0]))
+    with pytest.raises(SimulationError, match=r"was interrupted or failed in a step; call reset\(\) first"):
+        drive(env, 0.1, np.array([5.0, 0.0]))
+    env.retire("ego")
+    env.reset(seed=5)
+    np.testing.assert_equal(drive(env, 1.0, np.array([5.0, 0.0])), whole)
+
+
 def test_a_forgotten_environment_makes_room_for_the_next() -> None:
     for _ in range(2):
         env = DrivingEnv(short(), sensors=("speedometer",))

@@ -299,6 +299,40 @@ def test_a_running_simulation_cannot_be_copied(start: Start) -> None:
     assert not again.open
 
 
+def interrupt(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Lets a function of libsumo end with what Ctrl-C raises, once."""
+    whole = getattr(libsumo, name)
+
+    def interrupted(*arguments: object) -> object:
+        monkeypatch.setattr(libsumo, name, whole)
+        whole(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(libsumo, name, interrupted)
+
+
+def test_a_tick_that_is_interrupted_is_the_last(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation, world = start(on(straight_road(), standing_at(100.0)))
+    interrupt(monkeypatch, "simulationStep")
+    with pytest.raises(KeyboardInterrupt):
+        simulation.tick(BRAKE[None])
+    with pytest.raises(SimulationError, match="is closed, or was interrupted in a tick"):
+        simulation.tick(BRAKE[None])
+    assert simulation.world is world
+    assert not libsumo.isLoaded()
+
+
+def test_a_start_that_is_interrupted_leaves_room_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = on(straight_road(), standing_at(100.0))
+    plan = plan_scenario(load_network(scenario.network), scenario)
+    for name in ("start", "simulationStep"):
+        interrupt(monkeypatch, name)
+        with pytest.raises(KeyboardInterrupt):
+            Simulation(plan)
+        assert not libsumo.isLoaded()
+    Simulation(plan).close()
+
+
 def test_a_plan_can_start_again(start: Start) -> None:
     simulation, first = start(busy_road())
     driven(simulation, FULL_THROTTLE, 2.0)
