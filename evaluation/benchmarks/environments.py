@@ -59,9 +59,9 @@ def single_scenarios(
     source: Source | None = None,
     *,
     network: str | None = None,
-    missions: Sequence[Mission | Mapping[str, Any]] = (),
+    missions: Sequence[Mission | Mapping[str, Any]] | None = None,
     traffic: Traffic | Mapping[str, Any] | None = None,
-    conditions: str = "clear",
+    conditions: str | None = None,
     time_limit_s: float | None = None,
 ) -> tuple[Scenario, ...]:
     """Scenarios with one ego and a time limit each.
@@ -71,18 +71,22 @@ def single_scenarios(
         network: Name of a network in the catalog; only without a source, as are the next three arguments.
         missions: Missions to drive there.
         traffic: Traffic around every mission.
-        conditions: Conditions of the road, light and air.
+        conditions: Conditions of the road, light and air; None: clear.
         time_limit_s: Time limit of every episode, s; None: that of the scenario, else that of the CARLA Leaderboard.
 
     Raises:
-        InvalidInputError: An unknown name, both or neither of a source and a network, scenarios with several egos, or
-            missions that begin in recorded traffic, or are no missions.
+        InvalidInputError: An unknown name, both or neither of a source and a network, arguments of a network beside a
+            source, scenarios with several egos, or missions that begin in recorded traffic, or are no missions.
     """
     if (source is None) == (network is None):
         raise InvalidInputError("expected either a benchmark or scenarios, or a network with missions")
+    own = {"missions": missions, "traffic": traffic, "conditions": conditions}
+    given = {name: value for name, value in own.items() if value is not None}
     if network is not None:
-        found = _of_missions(
-            {"network": network, "missions": missions, "traffic": traffic or {}, "conditions": conditions}
+        found = _of_missions({"missions": (), "traffic": {}, "conditions": "clear", **given, "network": network})
+    elif given:
+        raise InvalidInputError(
+            f"{', '.join(given)}: only for a network, got a benchmark or scenarios, which have their own"
         )
     elif isinstance(source, Scenario):
         found = [source]

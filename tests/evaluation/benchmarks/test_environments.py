@@ -100,6 +100,15 @@ def test_make_vec_is_the_vector_environment_by_another_way() -> None:
     env.close()
 
 
+def test_options_beside_a_source_are_refused_rather_than_ignored() -> None:
+    surplus = {"conditions": "heavy-rain", "traffic": {"vehicles": 0, "pedestrians": 0}, "missions": [MISSION]}
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(InvalidInputError, match=r"^missions, traffic, conditions: only for a network"):
+            make("dohyo/Quickstart-v0", **surplus)
+    with pytest.raises(InvalidInputError, match=r"^conditions: only for a network"):
+        dohyo.make_vec("quickstart", 2, conditions="no-such-weather")
+
+
 def test_every_episode_has_an_end() -> None:
     own, given = single_scenarios("nocrash"), single_scenarios("nocrash", time_limit_s=30.0)
     assert {scenario.time_limit_s for scenario in given} == {30.0}
@@ -127,6 +136,9 @@ def test_a_time_limit_that_cannot_pass_is_refused(limit_s: Any) -> None:
         (None, {}, "either a benchmark or scenarios, or a network"),
         ("quickstart", {"network": "ingolstadt"}, "either a benchmark or scenarios, or a network"),
         (None, {"network": "ingolstadt"}, "at least one scenario"),
+        ("quickstart", {"missions": []}, "^missions: only for a network, got a benchmark or scenarios"),
+        ("quickstart", {"traffic": {"vehicles": 0}}, "^traffic: only for a network"),
+        ("no-such", {"conditions": "clear", "traffic": {}}, "^traffic, conditions: only for a network"),
         ("val14", {}, "amid recorded traffic"),
         ("fleet", {}, "expected one ego"),
         ("quickstrat", {}, "did you mean 'quickstart'"),
