@@ -17,7 +17,7 @@ import math
 import sys
 from typing import Any
 
-from world_worker import post
+from world_worker import leave, post
 
 Row = dict[str, Any]
 TICK_S = 0.1
@@ -122,16 +122,19 @@ def couple(bridge: Bridge, server: str, token: str, world: str, ego: str) -> int
     seat = post(f"{server}/v1/worlds/{world}/join", token, asked)
     reply: Row = seat | {"done": False}
     there: set[str] = set()
-    while not reply["done"]:
-        bridge.show([row for row in reply["actors"] if row["name"] != f"ego:{ego}"])
-        bridge.world.tick()
-        hero = bridge.hero()
-        put = [bridge.frames.row(one) for one in bridge.own() if one.id != hero.id]
-        names = {row["name"] for row in put}
-        actors = {"put": put, "remove": sorted(there - names)}
-        now = {"tick": reply["tick"], "resets": reply["resets"]}
-        step = now | {"actions": {ego: bridge.frames.pose(hero)}, "actors": actors}
-        reply, there = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step), names
+    try:
+        while not reply["done"]:
+            bridge.show([row for row in reply["actors"] if row["name"] != f"ego:{ego}"])
+            bridge.world.tick()
+            hero = bridge.hero()
+            put = [bridge.frames.row(one) for one in bridge.own() if one.id != hero.id]
+            names = {row["name"] for row in put}
+            actors = {"put": put, "remove": sorted(there - names)}
+            now = {"tick": reply["tick"], "resets": reply["resets"]}
+            step = now | {"actions": {ego: bridge.frames.pose(hero)}, "actors": actors}
+            reply, there = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step), names
+    finally:  # also at Ctrl-C: CARLA's actors go, and the world does not wait for them at each tick
+        leave(server, seat)
     return int(reply["tick"])
 
 

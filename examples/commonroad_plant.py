@@ -17,7 +17,7 @@ from vehiclemodels.init_mb import init_mb
 from vehiclemodels.parameters_vehicle1 import parameters_vehicle1
 from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
-from world_worker import post
+from world_worker import leave, post
 
 STEERING_GAIN = 5.0  # 1/s
 SPEED_GAIN = 1.5  # 1/s
@@ -74,10 +74,13 @@ def main() -> None:
     plant = Plant(at["x_m"], at["y_m"], at["heading_rad"])
     print(f"{ego} is simulated from tick {seat['tick']}", flush=True)
     reply: dict[str, Any] = seat | {"done": False}
-    while not reply["done"]:
-        plant.advance(plant.steering_to(reply["observations"][ego]["route"]), float(speed), seat["dt_s"])
-        step = {"tick": reply["tick"], "resets": reply["resets"], "actions": {ego: plant.pose}}
-        reply = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step)
+    try:
+        while not reply["done"]:
+            plant.advance(plant.steering_to(reply["observations"][ego]["route"]), float(speed), seat["dt_s"])
+            step = {"tick": reply["tick"], "resets": reply["resets"], "actions": {ego: plant.pose}}
+            reply = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step)
+    finally:  # also at Ctrl-C: the world would wait for a pose at each tick
+        leave(server, seat)
     print(f"{ego} has ended at tick {reply['tick']}", flush=True)
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from tests.service.worlds import fake_carla
 from tests.service.worlds.clients import PATIENCE_S, Client
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
+DEADLINE_S = 60
 STREET = "737320747#3_2"
 
 
@@ -29,7 +32,7 @@ def street(name: str, start_m: float, goal_m: float = 45.0) -> Scenario:
 
 
 def made(client: Client, scenario: Scenario, **options: Any) -> str:
-    return client.world(scenario=scenario.model_dump(mode="json"), record=True, deadline_s=60, **options)
+    return client.world(scenario=scenario.model_dump(mode="json"), record=True, deadline_s=DEADLINE_S, **options)
 
 
 def started(client: Client, example: str, *arguments: str) -> subprocess.Popen[str]:
@@ -51,6 +54,16 @@ def trajectory(client: Client, world: str) -> pl.DataFrame:
         file.write(client.send("GET", f"/v1/worlds/{world}/trajectory").content)
         file.flush()
         return pl.read_parquet(file.name)
+
+
+def others_in(client: Client, world: str) -> list[str]:
+    """Names of the actors of other simulators after the next tick, which nobody holds up."""
+    look = client.seat(world, "look", coupled=True)
+    began = time.monotonic()
+    answer = client.step(look, look["tick"])
+    assert answer.status_code == 200, answer.text
+    assert time.monotonic() - began < DEADLINE_S / 2
+    return [row["name"] for row in answer.json()["actors"] if row["name"].startswith("external:")]
 
 
 def test_commonroads_multi_body_model_drives_a_mission(client: Client) -> None:
@@ -80,6 +93,35 @@ def test_two_worlds_mirror_each_others_egos(client: Client) -> None:
     assert paths[1]["lateral"].abs().max() > 1.5, "it passes the leader, who is in the other world"
     seen = [set(path["name"]) for path in paths]
     assert seen == [{"leader", "external:mirrored:ego:follower"}, {"follower", "external:mirrored:ego:leader"}]
+
+
+def test_a_world_whose_mirror_has_ended_goes_on_without_the_other_ones_ego(client: Client) -> None:
+    staying = made(client, street("leader", 38.0, 50.0), undriven="stand")
+    driving = made(client, street("follower", 8.0, 50.0))
+    process = started(client, "mirror_worlds.py", staying, driving)
+    for world in (staying, driving):
+        client.order(world, "resume")
+    assert process.wait(PATIENCE_S) == 0
+    assert others_in(client, staying) == []
+
+
+@pytest.mark.parametrize("example", ["mirror_worlds.py", "world_worker.py", "commonroad_plant.py"])
+def test_an_example_leaves_its_worlds_at_ctrl_c(example: str, client: Client) -> None:
+    if example == "mirror_worlds.py":
+        worlds = [made(client, street("leader", 38.0)), made(client, street("follower", 8.0))]
+        process = started(client, example, *worlds)
+    else:
+        worlds = [made(client, street("ego", 8.0))]
+        process = started(client, example, *worlds, *["worker"] * (example == "world_worker.py"), "ego", "1.0")
+    for world in worlds:
+        client.order(world, "resume")
+    for world in worlds:
+        client.until(world, lambda found: found["tick"] > 3)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) != 0
+    for world in worlds:
+        assert [ego["driver"] for ego in client.get(world)["egos"]] == [None]
+        assert others_in(client, world) == []
 
 
 def test_the_bridge_to_carla_with_a_stand_in(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
