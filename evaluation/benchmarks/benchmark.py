@@ -211,7 +211,8 @@ class Benchmark(Config):
         """One scenario per cell, mission and seed, in the order of the seeds.
 
         Raises:
-            InvalidInputError: A mission cannot be driven or conditions are unknown; the message names them.
+            InvalidInputError: A mission cannot be driven or conditions are unknown, and the message names them; or a
+                seed is no whole number from 0 to 2^31 - 1, or comes twice.
         """
         from dohyo.evaluation.benchmarks.scenarios import make_scenarios  # reads networks: slow
 

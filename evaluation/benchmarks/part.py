@@ -49,7 +49,7 @@ def sample_missions(cells: dict[str, str], count: int) -> set[str]:
         InvalidInputError: There are fewer missions.
     """
     if not 0 < count <= len(cells):
-        raise InvalidInputError(f"--sample: expected 1 to {len(cells)} missions, got {count}")
+        raise InvalidInputError(f"sample: expected 1 to {len(cells)} missions, got {count}")
     sizes, drawn = Counter(cells.values()), Counter[str]()
     places = {}
     for name in in_drawing_order(cells):

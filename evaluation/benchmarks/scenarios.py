@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 
 import numpy as np
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, Cell, Excerpt, ScriptedMission
 from dohyo.sumo_networks.conditions import conditions_named
+from dohyo.sumo_networks.envs.env_rows import episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.auto_events import auto_events
@@ -23,15 +24,23 @@ from dohyo.sumo_networks.units import KMH_PER_MPS
 
 def make_scenarios(benchmark: Benchmark, seeds: Sequence[int]) -> list[Scenario]:
     """See `Benchmark.scenarios`."""
-    if benchmark.excerpts and list(seeds) != [0]:
+    seeds = _checked_seeds(benchmark, seeds)
+    if benchmark.excerpts and seeds != [0]:
         raise InvalidInputError(
-            f"the missions of benchmark '{benchmark.name}' have seeds of their own; leave out --seeds"
+            f"the missions of benchmark '{benchmark.name}' have seeds of their own; leave out the seeds"
         )
-    if wrong := [seed for seed in seeds if not 0 <= seed < 2**31]:
-        raise InvalidInputError(f"benchmark '{benchmark.name}': expected seeds of 0 to {2**31 - 1}, got {wrong[0]}")
     if repeated := [seed for seed, times in Counter(seeds).items() if times > 1]:
         raise InvalidInputError(f"benchmark '{benchmark.name}': expected every seed once, got {repeated[0]} again")
     return [scenario for seed in seeds for cell in benchmark.cells for scenario in _scenarios(benchmark, cell, seed)]
+
+
+def _checked_seeds(benchmark: Benchmark, seeds: Sequence[int]) -> list[int]:
+    if isinstance(seeds, str) or not isinstance(seeds, Iterable):
+        raise InvalidInputError(f"benchmark '{benchmark.name}': expected a list of seeds, got {seeds!r}")
+    try:
+        return [episode_seed(seed) for seed in seeds]
+    except InvalidInputError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
 
 
 def _scenarios(benchmark: Benchmark, cell: Cell, seed: int) -> Iterator[Scenario]:

@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import dohyo
@@ -64,6 +66,46 @@ def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:
         dohyo.evaluate(Local, tiny(), out=tmp_path)
     with pytest.raises(InvalidInputError, match="did you mean 'reckless'"):
         dohyo.evaluate("wreckless", tiny(), out=tmp_path)
-    with pytest.raises(InvalidInputError, match="workers: expected at least 1"):
-        dohyo.evaluate("reckless", tiny(), out=tmp_path, workers=0)
     assert not list(tmp_path.iterdir())
+
+
+WHOLE = "expected a seed, a whole number from 0 to 2147483647, got"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"workers": 0}, "^workers: expected at least 1, a whole number, got 0"),
+        ({"workers": "2"}, "^workers: expected at least 1, a whole number, got '2'"),
+        ({"workers": 1.5}, "^workers: expected at least 1, a whole number, got 1.5"),
+        ({"workers": True}, "^workers: expected at least 1, a whole number, got True"),
+        ({"sample": 0}, "^sample: expected at least 1, a whole number, got 0"),
+        ({"sample": "1"}, "^sample: expected at least 1, a whole number, got '1'"),
+        ({"sample": 2}, "^sample: expected 1 to 1 missions, got 2"),
+        ({"only": "left-to-south"}, "^only: expected a list of names or patterns of cells and missions, got 'left-to"),
+        ({"only": 3}, "^only: expected a list of names"),
+        ({"only": [3]}, r"^only: expected a list of names or patterns of cells and missions, got \[3\]"),
+        ({"seeds": 3}, "^seeds: expected a list of seeds, got 3"),
+        ({"seeds": "12"}, "^seeds: expected a list of seeds, got '12'"),
+        ({"seeds": ["0"]}, f"^seeds: {WHOLE} '0'"),
+        ({"seeds": [1.5]}, f"^seeds: {WHOLE} 1.5"),
+        ({"seeds": [0, True]}, f"^seeds: {WHOLE} True"),
+        ({"seeds": []}, "^seeds: expected at least one, got none"),
+        ({"seeds": [2, 2]}, "expected every seed once, got 2 again"),
+        ({"benchmark": 5}, "^benchmark: expected a name, the path of a .toml file or a Benchmark, got int"),
+        ({"benchmark": tiny().scenarios([0])[0]}, "^benchmark: expected .* or a Benchmark, got Scenario"),
+    ],
+)
+def test_arguments_of_another_form_are_refused_before_anything_is_written(
+    options: dict[str, Any], says: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInputError, match=says):
+        dohyo.evaluate("reckless", **{"benchmark": tiny(), "out": tmp_path / "out"} | options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_seeds_may_be_numpys_or_come_one_by_one(tmp_path: Path) -> None:
+    first = dohyo.evaluate("reckless", tiny(), seeds=np.arange(4, 5), out=tmp_path)
+    again = dohyo.evaluate("reckless", tiny(), seeds=(seed for seed in [4]), out=tmp_path)
+    assert [record.scenario.seed for record in first.records] == [4]
+    assert again.resumed == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -58,12 +59,17 @@ def test_a_file_without_a_known_headline_is_refused(line: str, tmp_path: Path) -
         load_benchmark(str(tmp_path / "mine.toml"))
 
 
-@pytest.mark.parametrize("seed", [-1, 2**31])
-def test_seeds_out_of_range_are_one_clear_line(seed: int) -> None:
-    with pytest.raises(
-        InvalidInputError, match=f"benchmark 'quickstart': expected seeds of 0 to 2147483647, got {seed}"
-    ):
+@pytest.mark.parametrize("seed", [-1, 2**31, 1.5, True, "0"])
+def test_seeds_that_are_none_are_one_clear_line(seed: Any) -> None:
+    says = f"^benchmark 'quickstart': expected a seed, a whole number from 0 to 2147483647, got {seed!r}$"
+    with pytest.raises(InvalidInputError, match=says):
         load_benchmark("quickstart").scenarios([0, seed])
+
+
+@pytest.mark.parametrize("seeds", [3, "012"])
+def test_what_is_no_list_of_seeds_is_refused(seeds: Any) -> None:
+    with pytest.raises(InvalidInputError, match="benchmark 'quickstart': expected a list of seeds, got "):
+        load_benchmark("quickstart").scenarios(seeds)
 
 
 def test_a_seed_that_comes_twice_is_refused_before_anything_is_driven() -> None:

@@ -80,7 +80,7 @@ def test_a_sample_depends_on_the_names_alone() -> None:
 
 def test_a_sample_is_drawn_from_the_chosen_missions() -> None:
     assert {one.cell for one in select(TOWNS, ["test.*"], sample=8)} == {"test.dense", "test.empty"}
-    with pytest.raises(InvalidInputError, match="--sample: expected 1 to 20 missions, got 21"):
+    with pytest.raises(InvalidInputError, match=r"^sample: expected 1 to 20 missions, got 21"):
         select(TOWNS, ["test.*"], sample=21)
 
 
