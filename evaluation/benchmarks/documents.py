@@ -33,7 +33,10 @@ def benchmark_path(name: str, family: Family) -> Path:
 
     Raises:
         UnknownNameError: The family has no benchmark of this name.
+        InvalidInputError: It is no text.
     """
+    if not isinstance(name, str):
+        raise InvalidInputError(f"expected the name of a benchmark, or the path of its file as text, got {name!r}")
     if name.endswith(".toml"):
         return Path(name)
     if name not in benchmark_names(family):

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.criteria.route_timeout import RouteTimeout
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, check_single
+from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv, checked_single
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.faults import describe_fault
@@ -82,22 +82,21 @@ def single_scenarios(
         raise InvalidInputError("expected either a benchmark or scenarios, or a network with missions")
     own = {"missions": missions, "traffic": traffic, "conditions": conditions}
     given = {name: value for name, value in own.items() if value is not None}
+    found: Scenario | Sequence[Scenario]
     if network is not None:
         found = _of_missions({"missions": (), "traffic": {}, "conditions": "clear", **given, "network": network})
     elif given:
         raise InvalidInputError(
             f"{', '.join(given)}: only for a network, got a benchmark or scenarios, which have their own"
         )
-    elif isinstance(source, Scenario):
-        found = [source]
     elif isinstance(source, str | Benchmark):
         found = _of_benchmark(load_benchmark(source) if isinstance(source, str) else source)
     else:
-        found = list(source or ())
-    check_single(found)
-    limits = (_limit(scenario) if time_limit_s is None else time_limit_s for scenario in found)
+        found = source or ()
+    single = checked_single(found)
+    limits = (_limit(scenario) if time_limit_s is None else time_limit_s for scenario in single)
     return tuple(
-        scenario.model_copy(update={"time_limit_s": limit}) for scenario, limit in zip(found, limits, strict=True)
+        scenario.model_copy(update={"time_limit_s": limit}) for scenario, limit in zip(single, limits, strict=True)
     )
 
 

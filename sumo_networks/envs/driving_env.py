@@ -24,11 +24,11 @@ from dohyo.sumo_networks.envs.options import (
     check_names,
     check_render_mode,
     check_reward,
-    check_time_limit,
+    check_scenario,
     checked_sensors,
 )
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
-from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
@@ -86,11 +86,11 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             new_seeds: Whether a reset without a seed draws a new one below 2^30. By default it repeats the last one.
 
         Raises:
-            InvalidInputError: A name is unknown, an ego has no sensors or control, or a time limit or mission is
-                impossible.
+            InvalidInputError: It is no scenario, a name is unknown, an ego has no sensors or control, or a time limit
+                or mission is impossible.
         """
         check_render_mode(render_mode)
-        check_time_limit(scenario)
+        check_scenario(scenario)
         self.render_mode = render_mode
         self._overhead: Overhead | None = None
         self.scenario = scenario
@@ -147,12 +147,20 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         return self._simulation
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Dict:
-        """One Box per sensor."""
-        return self._observation_spaces[agent]
+        """One Box per sensor.
+
+        Raises:
+            UnknownNameError: There is no such ego.
+        """
+        return self._observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> gymnasium.spaces.Box:
-        """The control interface's space."""
-        return self._action_spaces[agent]
+        """The control interface's space.
+
+        Raises:
+            UnknownNameError: There is no such ego.
+        """
+        return self._action_spaces[self._known(agent)]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -216,6 +224,8 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
 
     def _checked(self, actions: Mapping[str, Any]) -> dict[str, FloatArray]:
         """Actions of the egos that drive; all are checked before any control computes, since controls integrate."""
+        if not isinstance(actions, Mapping):
+            raise InvalidActionError(f"expected actions by the names of egos, got {type(actions).__name__}")
         if unknown := actions.keys() - self._index.keys():
             raise InvalidActionError(
                 f"expected actions for {', '.join(self.possible_agents)}, got one for {', '.join(map(str, unknown))}"
@@ -261,17 +271,31 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         return self._overhead.frame(self.world, self._index[driving[0]])
 
     def check_action(self, name: str, action: object) -> None:
-        """Raises InvalidActionError if an action has a wrong shape or type, or is not finite."""
-        self._controls[name].checked(action)
+        """Raises InvalidActionError if an action has a wrong shape or type, or is not finite.
+
+        Raises:
+            UnknownNameError: There is no such ego.
+        """
+        self._controls[self._known(name)].checked(action)
 
     def retire(self, name: str) -> None:
-        """Ends the episode of one ego and removes it from the road."""
-        self.agents.remove(name)
-        self._running.retire(self._index[name])
+        """Ends the episode of one ego and removes it from the road; one that has left stays away.
+
+        Raises:
+            UnknownNameError: There is no such ego.
+        """
+        ego = self._index[self._known(name)]
+        if name in self.agents:
+            self.agents.remove(name)
+        self._running.retire(ego)
 
     def observe(self, name: str) -> Observation:
-        """What an ego's sensors read now, also in the tick in which its episode has ended."""
-        return self._observe([name])[name]
+        """What an ego's sensors read now, also in the tick in which its episode has ended.
+
+        Raises:
+            UnknownNameError: There is no such ego.
+        """
+        return self._observe([self._known(name)])[name]
 
     def outfit(self, name: str, sensors: SensorNames, control: str) -> Observation:
         """Gives an ego other sensors and another control, as new ones at the start of an episode.
@@ -285,8 +309,9 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             What the new sensors read now.
 
         Raises:
-            UnknownNameError: There is no such sensor or control; nothing has changed then.
+            UnknownNameError: There is no such ego, sensor or control; nothing has changed then.
         """
+        self._known(name)
         taken = make_control(control, self._plan.vehicle, TICK_S, WORLD_CONTROLS)
         made = self._made_sensors(name, sensors), taken
         self._sensors[name], self._controls[name] = made
@@ -318,6 +343,16 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             SimulationError: The environment is closed.
         """
         self._simulated().record(recorder)
+
+    def _known(self, name: str) -> str:
+        """The name of an ego.
+
+        Raises:
+            UnknownNameError: There is no such ego.
+        """
+        if name not in self.possible_agents:
+            raise UnknownNameError("ego", str(name), self.possible_agents)
+        return name
 
     def _simulated(self) -> Simulation:
         if not isinstance(self._running, Simulation):

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.envs.reward import make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Scenario
@@ -75,11 +76,30 @@ def check_num_envs(num_envs: object) -> None:
         raise InvalidInputError(f"expected at least one environment, a whole number, got num_envs={num_envs!r}")
 
 
-def check_time_limit(scenario: Scenario) -> None:
-    """Raises InvalidInputError if a scenario's time limit is not a finite number of seconds above 0.
+def checked_scenarios(scenarios: object) -> tuple[Scenario, ...]:
+    """One scenario or several as a tuple, each checked by `check_scenario`.
+
+    Raises:
+        InvalidInputError: One is no scenario, or has an impossible time limit.
+    """
+    alone = isinstance(scenarios, str | Config | Mapping)  # whose parts would be taken for scenarios
+    found = (scenarios,) if alone or not isinstance(scenarios, Iterable) else tuple(scenarios)
+    for scenario in found:
+        check_scenario(scenario)
+    return found
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Checks that a scenario is one, and that its time limit is a finite number of seconds above 0.
 
     A scenario checks its fields when it is made, but not when it is copied with another limit.
+
+    Raises:
+        InvalidInputError: It is none, or has an impossible time limit.
     """
+    if not isinstance(scenario, Scenario):
+        got = repr(scenario) if isinstance(scenario, str | int | float | None) else type(scenario).__name__
+        raise InvalidInputError(f"expected a Scenario (see load_benchmark(...).scenarios), got {got}")
     limit_s: Any = scenario.time_limit_s
     number = isinstance(limit_s, int | float | np.integer | np.floating) and not isinstance(limit_s, bool)
     if limit_s is not None and not (number and 0.0 < limit_s < math.inf):

@@ -20,7 +20,8 @@ from dohyo.sumo_networks.envs.options import (
     check_num_envs,
     check_render_mode,
     check_reward,
-    check_time_limit,
+    check_scenario,
+    checked_scenarios,
     checked_sensors,
 )
 from dohyo.sumo_networks.envs.process_vector_env import ProcessVectorEnv
@@ -62,6 +63,7 @@ def scenario_rows(
     check_names("control", [control])
     check_reward(reward)
     check_render_mode(render_mode)
+    scenarios = scenarios if callable(scenarios) else checked_scenarios(scenarios)
     egos = count_egos(scenarios)
     return ProcessVectorEnv(
         make_env=partial(ScenarioEnv, scenarios, egos, (chosen, control, reward, render_mode)),
@@ -160,12 +162,11 @@ def count_egos(scenarios: ScenarioSource) -> int:
     """Number of egos of every scenario.
 
     Raises:
-        InvalidInputError: There is no scenario, their numbers of egos differ, or a time limit is impossible.
+        InvalidInputError: There is no scenario, their numbers of egos differ, or the function gives no scenario.
     """
     if callable(scenarios):
+        check_scenario(scenarios(0))
         return len(scenarios(0).missions)
-    for scenario in scenarios:
-        check_time_limit(scenario)
     counts = sorted({len(scenario.missions) for scenario in scenarios})
     if len(counts) != 1:
         raise InvalidInputError(f"expected scenarios with the same number of egos, got {counts or 'no scenario'}")

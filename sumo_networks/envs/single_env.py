@@ -12,7 +12,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
-from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, RENDERING, SensorNames, check_time_limit
+from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, RENDERING, SensorNames, checked_scenarios
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -58,8 +58,7 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
         Raises:
             InvalidInputError: A name is unknown, no scenario is given, or a scenario has several egos or is impossible.
         """
-        self.scenarios = (scenarios,) if isinstance(scenarios, Scenario) else tuple(scenarios)
-        check_single(self.scenarios)
+        self.scenarios = checked_single(scenarios)
         self.render_mode = render_mode
         self._options = (sensors, control, reward, render_mode)
         self._env = DrivingEnv(self.scenarios[0], *self._options)
@@ -136,17 +135,18 @@ class SingleDrivingEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._env.close()
 
 
-def check_single(scenarios: Sequence[Scenario]) -> None:
-    """Checks that every scenario has exactly one ego, and a time limit that can pass.
+def checked_single(scenarios: Scenario | Sequence[Scenario]) -> tuple[Scenario, ...]:
+    """Scenarios with exactly one ego each, and a time limit that can pass.
 
     Raises:
-        InvalidInputError: No scenario is given, or a scenario has several egos or an impossible time limit.
+        InvalidInputError: No scenario is given, or one is no scenario, has several egos or an impossible time limit.
     """
-    if not scenarios:
+    found = checked_scenarios(scenarios)
+    if not found:
         raise InvalidInputError("expected at least one scenario, got none")
-    for scenario in scenarios:
+    for scenario in found:
         if len(scenario.missions) != 1:
             raise InvalidInputError(
                 f"scenario '{scenario.name}': expected one ego, got {len(scenario.missions)} (see DrivingEnv)"
             )
-        check_time_limit(scenario)
+    return found

@@ -130,7 +130,10 @@ def network_path(name: str) -> Path:
 
     Raises:
         UnknownNameError: The name is neither in a catalog nor the path of a net file.
+        InvalidInputError: It is no text.
     """
+    if not isinstance(name, str):
+        raise InvalidInputError(f"expected the name of a network, or the path of its file as text, got {name!r}")
     if name.endswith((".net.xml", ".net.xml.gz")):
         return Path(name)
     folder = network_folder(name)

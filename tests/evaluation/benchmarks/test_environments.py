@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -18,6 +19,7 @@ from dohyo.evaluation.benchmarks.environments import single_scenarios
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 
 MISSION = {
     "start": {"lane": "737320747#3_2", "position_m": 20.0},
@@ -109,6 +111,13 @@ def test_options_beside_a_source_are_refused_rather_than_ignored() -> None:
         dohyo.make_vec("quickstart", 2, conditions="no-such-weather")
 
 
+@pytest.mark.parametrize("name", [None, 5, Path("quickstart.toml")])
+def test_names_that_are_no_text_are_refused(name: Any) -> None:
+    for load, what in ((load_benchmark, "benchmark"), (load_network, "network")):
+        with pytest.raises(InvalidInputError, match=f"^expected the name of a {what}, or the path of its file as text"):
+            load(name)
+
+
 def test_every_episode_has_an_end() -> None:
     own, given = single_scenarios("nocrash"), single_scenarios("nocrash", time_limit_s=30.0)
     assert {scenario.time_limit_s for scenario in given} == {30.0}
@@ -139,6 +148,8 @@ def test_a_time_limit_that_cannot_pass_is_refused(limit_s: Any) -> None:
         ("quickstart", {"missions": []}, "^missions: only for a network, got a benchmark or scenarios"),
         ("quickstart", {"traffic": {"vehicles": 0}}, "^traffic: only for a network"),
         ("no-such", {"conditions": "clear", "traffic": {}}, "^traffic, conditions: only for a network"),
+        (5, {}, r"^expected a Scenario \(see load_benchmark\(...\).scenarios\), got 5$"),
+        (["quickstart"], {}, "^expected a Scenario .*, got 'quickstart'$"),
         ("val14", {}, "amid recorded traffic"),
         ("fleet", {}, "expected one ego"),
         ("quickstrat", {}, "did you mean 'quickstart'"),

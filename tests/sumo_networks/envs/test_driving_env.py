@@ -315,6 +315,52 @@ def test_an_impossible_mission_is_refused_before_sumo_starts(make_env: MakeEnv) 
         make_env(on(straight_road(), Mission(start=Place(lane="nowhere"), goal=Place(lane="w_e_0"))))
 
 
+A_SCENARIO = r"expected a Scenario \(see load_benchmark\(...\).scenarios\), got "
+
+
+@pytest.mark.parametrize(
+    ("scenario", "got"),
+    [("quickstart", "'quickstart'"), (None, "None"), ([short()], "list"), (straight_road(), "Scene")],
+)
+def test_what_is_no_scenario_is_refused(scenario: Any, got: str) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{A_SCENARIO}{got}$"):
+        DrivingEnv(scenario)
+
+
+def test_an_unknown_ego_is_refused_by_its_name(make_env: MakeEnv) -> None:
+    env = make_env(two_egos(), sensors=("speedometer",))
+    env.reset()
+    for use in (
+        lambda: env.outfit("egg", ["lane"], "waypoints"),
+        lambda: env.check_action("egg", STOP),
+        lambda: env.observe("egg"),
+        lambda: env.retire("egg"),
+        lambda: env.action_space("egg"),
+        lambda: env.observation_space("egg"),
+    ):
+        with pytest.raises(UnknownNameError, match="no ego named 'egg'; did you mean 'ego'"):
+            use()
+
+
+def test_an_ego_that_has_left_may_be_retired_again(make_env: MakeEnv) -> None:
+    env = make_env(two_egos(), sensors=("speedometer",))
+    env.reset()
+    env.retire("ego")
+    env.retire("ego")
+    assert env.agents == ["second"]
+    assert list(env.step({"second": STOP})[0]) == ["second"]
+
+
+@pytest.mark.parametrize("actions", [None, [STOP], STOP, "ego"])
+def test_actions_without_names_are_refused(actions: Any, make_env: MakeEnv) -> None:
+    env = make_env(light(), sensors=("speedometer",))
+    env.reset()
+    got = type(actions).__name__
+    with pytest.raises(InvalidActionError, match=f"^expected actions by the names of egos, got {got}$"):
+        env.step(actions)
+    env.step({"ego": STOP})
+
+
 def test_an_invalid_action_moves_nobody(make_env: MakeEnv) -> None:
     env = make_env(two_egos())
     env.reset()

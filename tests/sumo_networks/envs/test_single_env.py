@@ -137,6 +137,9 @@ def two_egos() -> Scenario:
     ("scenarios", "options", "error", "says"),
     [
         ((), {}, InvalidInputError, "at least one scenario"),
+        (5, {}, InvalidInputError, "expected a Scenario .*, got 5"),
+        (None, {}, InvalidInputError, "expected a Scenario .*, got None"),
+        ([FIRST, "second"], {}, InvalidInputError, "expected a Scenario .*, got 'second'"),
         (two_egos(), {}, InvalidInputError, "expected one ego, got 2"),
         (FIRST, {"render_mode": "human"}, UnknownNameError, "no render mode named 'human'"),
     ],

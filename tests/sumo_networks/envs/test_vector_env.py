@@ -393,6 +393,9 @@ def test_an_error_in_a_worker_arrives_as_itself() -> None:
     [
         ({"scenarios": (), "num_envs": 1}, "no scenario"),
         ({"scenarios": (scenario(5.0), scenario(5.0, 9.0)), "num_envs": 1}, "the same number of egos"),
+        ({"scenarios": "quickstart", "num_envs": 1}, "expected a Scenario .*, got 'quickstart'"),
+        ({"scenarios": 5, "num_envs": 1}, "expected a Scenario .*, got 5"),
+        ({"scenarios": lambda episode: episode, "num_envs": 1}, "expected a Scenario .*, got 0"),
         ({"scenarios": SCENARIOS, "num_envs": 0}, "at least one"),
         ({"scenarios": SCENARIOS, "num_envs": "2"}, "a whole number, got num_envs='2'"),
         ({"scenarios": SCENARIOS, "num_envs": 1.5}, "a whole number, got num_envs=1.5"),
