@@ -90,6 +90,13 @@ def test_a_built_in_agent_is_what_a_local_evaluation_would_record(service: Harne
     assert team.get("/v1/agents/mine").json()["kind"] == "remote"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("entry", sorted(agent_entries()))
+def test_every_built_in_agent_can_be_submitted(team: Caller, entry: str) -> None:
+    made = submit(team, {"kind": "builtin", "entry": entry})
+    assert made.status_code == 201, made.text
+
+
 @pytest.mark.parametrize(
     ("order", "says"),
     [
