@@ -29,8 +29,14 @@ def _networks(value: tuple[str, ...]) -> tuple[str, ...]:
     return value
 
 
+def _token(value: SecretStr | None) -> SecretStr | None:
+    return value if value is not None and value.get_secret_value().strip() else None
+
+
 Words = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_words)]
 Networks = Annotated[Words, AfterValidator(_networks)]
+Secret = Annotated[SecretStr | None, AfterValidator(_token)]
+"""A token; an empty one is none."""
 
 
 class Settings(BaseSettings):
@@ -71,6 +77,7 @@ class Settings(BaseSettings):
         trusted_proxies: Addresses and networks of proxies, whose X-Forwarded-For says who the client is.
         runs_per_day: Most ranked runs of one agent on one benchmark version in 24 hours, outside of challenges.
         metrics_token: Bearer token for `GET /metrics`, and for nothing else; administrators' tokens may always read it.
+            Empty: none.
         requests_per_minute: Limit per token, without the wire of policy workers.
         body_limit_bytes: Largest body of a request that is not an upload.
         upload_limit_bytes: Largest uploaded policy or network.
@@ -118,7 +125,7 @@ class Settings(BaseSettings):
     connections_per_address: Annotated[int, Field(ge=4)] = 256
     trusted_proxies: Networks = ("127.0.0.1", "::1")
     runs_per_day: Annotated[int, Field(ge=1)] = 10
-    metrics_token: SecretStr | None = None
+    metrics_token: Secret = None
     requests_per_minute: Annotated[int, Field(ge=1)] = 600
     body_limit_bytes: Annotated[int, Field(ge=1024)] = 1_250_000
     upload_limit_bytes: Annotated[int, Field(ge=1024)] = 50_000_000

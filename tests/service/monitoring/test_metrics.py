@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
 
@@ -36,6 +37,18 @@ def test_only_administrators_and_the_token_of_the_settings_may_read_them(tmp_pat
         assert_problem(scraper.get("/v1/me"), 401)
     with running(tmp_path / "data") as service:
         assert_problem(Caller(service.client, "for-prometheus").get("/metrics"), 401)
+
+
+@pytest.mark.parametrize("empty", ["", "  "])
+def test_an_empty_token_of_the_settings_lets_nobody_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty: str
+) -> None:
+    monkeypatch.setenv("DOHYO_METRICS_TOKEN", empty)
+    with running(tmp_path / "data") as service:
+        assert service.services.settings.metrics_token is None
+        assert_problem(service.client.get("/metrics"), 401)
+        assert_problem(service.client.get("/metrics", headers={"authorization": f"Bearer {empty}"}), 401)
+        assert service.caller("root", Role.ADMIN).get("/metrics").status_code == 200
 
 
 def test_requests_are_counted_by_route_and_not_by_what_a_client_invents(service: Harness) -> None:
