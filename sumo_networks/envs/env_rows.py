@@ -140,22 +140,27 @@ def named_space(space: gymnasium.Space[Any]) -> Dict:
 
 
 def checked_actions(actions: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Actions as an array of a shape and a type.
+    """Actions as an array of a shape and a type; numbers beyond the range of a type of floats become its limits.
 
     Raises:
         InvalidActionError: They have another shape, are complex, or are not finite.
     """
-    if np.iscomplexobj(actions):  # NumPy would drop the imaginary parts
-        raise InvalidActionError(f"expected real numbers, got {actions!r}"[:200])
+    floats = np.issubdtype(dtype, np.floating)
     try:
-        array = np.asarray(actions, dtype=dtype)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(actions)
+        if given.dtype.kind == "c":  # NumPy would drop the imaginary parts
+            raise InvalidActionError(f"expected real numbers, got {actions!r}"[:200])
+        if given.dtype.kind not in "biuf":
+            given = given.astype(np.float64 if floats else dtype)
+    except (TypeError, ValueError, OverflowError) as error:  # also lists of different lengths
         raise InvalidActionError(f"expected an array of shape {shape}, got {actions!r}"[:200]) from error
-    if array.shape != shape:
-        raise InvalidActionError(f"expected actions of shape {shape}, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise InvalidActionError(f"expected finite actions, got {array[~np.isfinite(array)][:4].tolist()}")
-    return array
+    if given.shape != shape:
+        raise InvalidActionError(f"expected actions of shape {shape}, got shape {given.shape}")
+    if not np.isfinite(given).all():
+        raise InvalidActionError(f"expected finite actions, got {given[~np.isfinite(given)][:4].tolist()}")
+    if floats and given.dtype != dtype:
+        given = given.clip(np.finfo(dtype).min, np.finfo(dtype).max)
+    return given.astype(dtype, copy=False)
 
 
 def row_seeds(seed: Any, count: int) -> list[int | None]:

@@ -167,6 +167,9 @@ def test_arrays_fit_the_spaces_and_belong_to_the_caller(pair: VectorDrivingEnv) 
         (np.full((2, 2), np.nan), "finite"),
         (np.full((2, 2), 1j), "expected real numbers"),
         ("left", "shape"),
+        ([[5.0], [5.0, 0.0]], r"expected an array of shape \(2, 2\), got \[\[5.0\], \[5.0, 0.0\]\]"),
+        ([[5.0, 0.0], [10**400, 0.0]], r"expected an array of shape \(2, 2\)"),
+        (np.full((2, 2), np.inf), "expected finite actions"),
     ],
 )
 def test_a_bad_action_moves_nothing(pair: VectorDrivingEnv, action: Any, says: str) -> None:
@@ -178,6 +181,17 @@ def test_a_bad_action_moves_nothing(pair: VectorDrivingEnv, action: Any, says: s
         pair.step(action)
     observations = pair.step(good)[0]
     assert all(np.array_equal(observations[name], expected[name]) for name in expected)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_too_large_for_an_action_are_clipped_as_others_out_of_bounds(pair: VectorDrivingEnv) -> None:
+    seen = []
+    for action in (np.full((2, 2), 1e39), np.full((2, 2), 100, np.int64), np.full((2, 2), 100.0, np.float32)):
+        pair.reset(seed=1)
+        seen.append(pair.step(action)[0])
+    for name in seen[0]:
+        assert np.array_equal(seen[0][name], seen[1][name])
+        assert np.array_equal(seen[0][name], seen[2][name])
 
 
 def near_and_far() -> Scenario:
