@@ -19,9 +19,13 @@ ELSEWHERE = ["dohyo demo CITY.osm"]
 """Commands that `tests/service/cli/commands/test_create.py` runs."""
 
 
+def blocks(language: str) -> list[str]:
+    found = re.findall(r"^```(\w*)\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    return [block for its_language, block in found if its_language == language]
+
+
 def commands() -> list[str]:
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```", TUTORIAL.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
-    lines = [line for language, block in blocks if not language for line in block.splitlines()]
+    lines = [line for block in blocks("") for line in block.splitlines()]
     assert all(line.startswith("dohyo ") for line in lines)
     return lines
 
@@ -41,3 +45,13 @@ def test_every_command_of_the_tutorial_works(tmp_path: Path, monkeypatch: pytest
     assert "25 missions of 3" in outputs["benchmarks"]
     assert list(Path("out").glob("*/*/records/*.json"))
     assert "const LANES" in Path("city.html").read_text()
+
+
+def test_the_tutorial_shows_what_its_command_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DOHYO_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    (command,) = [line for line in commands() if line.startswith("dohyo benchmarks create")]
+    words = shlex.split(command.replace("--network city", "--network ingolstadt"))[1:]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    (shown,) = blocks("text")
+    assert done.output.split() == shown.replace("/home/me", str(tmp_path)).split()
