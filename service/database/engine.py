@@ -92,11 +92,13 @@ class Database:
         """Migrates the tables to the current models; services that start at the same time wait for each other.
 
         Raises:
-            InvalidInputError: Another version of dohyo made the tables, and no migration leads from them.
+            InvalidInputError: Another version of dohyo made the tables, and no migration leads from them; or the
+                database cannot store every text.
         """
         config = _migrations()
         with self._writing.begin() as connection:
             if not self.is_sqlite:
+                _check_encoding(connection)
                 connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
             _check_revision(connection, ScriptDirectory.from_config(config))
             config.attributes["connection"] = connection
@@ -123,20 +125,31 @@ def serialise(session: Session) -> None:
 
 
 def surviving(options: str) -> dict[str, str | int]:
-    """Arguments of a connection to PostgreSQL of which both sides notice within half a minute that the network is gone.
+    """Arguments of a connection to PostgreSQL, in UTF-8; within half a minute both sides notice a network that is gone.
 
     Args:
         options: Further options of the session, as on PostgreSQL's command line.
     """
     keep_alive = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
     theirs = [f"-c tcp_{name}={value}" for name, value in keep_alive.items()]
-    return {"options": " ".join([options, *theirs]), "tcp_user_timeout": 10_000, **keep_alive}
+    # Without it, the driver gives bytes where the database is of SQL_ASCII.
+    spoken: dict[str, str | int] = {"client_encoding": "utf8"}
+    return spoken | {"options": " ".join([options, *theirs]), "tcp_user_timeout": 10_000, **keep_alive}
 
 
 def _migrations() -> AlembicConfig:
     config = AlembicConfig()
     config.set_main_option("script_location", str(MIGRATIONS))
     return config
+
+
+def _check_encoding(connection: Connection) -> None:
+    encoding = connection.scalar(text("SHOW server_encoding"))
+    if encoding != "UTF8":
+        raise InvalidInputError(
+            f"database: it has the encoding {encoding}, expected UTF8: make one by createdb --template template0"
+            " --encoding UTF8"
+        )
 
 
 def _check_revision(connection: Connection, scripts: ScriptDirectory) -> set[str]:

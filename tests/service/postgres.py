@@ -70,10 +70,18 @@ def running() -> Iterator[str]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def fresh_database(url: str, name: str, like: str = "template1") -> str:
-    """The URL of a new database of a server, a copy of another one; that of `template1` is empty."""
+def fresh_database(url: str, name: str, like: str = "template1", encoding: str | None = None) -> str:
+    """The URL of a new database of a server, a copy of another one; that of `template1` is empty.
+
+    Args:
+        url: Of the server.
+        name: Of the new database.
+        like: Of the one to copy.
+        encoding: Its own one, of an empty database.
+    """
+    own = "" if encoding is None else f" ENCODING '{encoding}' LOCALE 'C'"
     with psycopg.connect(url, autocommit=True) as connection:
-        connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{like}"')  # type: ignore[arg-type]  # names of ours
+        connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{like}"{own}')  # type: ignore[arg-type]  # of ours
     return url.rsplit("/", 1)[0] + f"/{name}"
 
 

@@ -21,11 +21,13 @@ from dohyo.service.accounts.queries import create_token
 from dohyo.service.boards.model import Ranking, Result
 from dohyo.service.database.base import Base
 from dohyo.service.database.engine import MIGRATIONS, Database
+from dohyo.service.database.server_lock import server_lock
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
 from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.submissions.model import Agent, Submission
 from dohyo.service.worlds.queries import add_guest, list_guests
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.service import postgres
 
 
 def test_the_migrations_make_exactly_what_the_models_say(database: Database) -> None:
@@ -246,3 +248,21 @@ def test_other_databases_are_refused_without_telling_the_password(url: str) -> N
     with pytest.raises(InvalidInputError, match="expected") as raised:
         Database(url)
     assert "hunter2" not in str(raised.value)
+
+
+@pytest.mark.parametrize("encoding", ["SQL_ASCII", "LATIN1"])
+def test_a_database_that_cannot_store_every_text_is_refused(postgres_server: str, encoding: str) -> None:
+    """Before, the first failed at the start, and the second at the first title in Japanese."""
+    url = postgres.fresh_database(postgres_server, f"in_{encoding.lower()}", "template0", encoding)
+    database = Database(url)
+    with pytest.raises(InvalidInputError, match=f"encoding {encoding}, expected UTF8"), server_lock(database):
+        pass
+    assert inspect(database.engine).get_table_names() == []
+    database.close()
+
+
+def test_text_of_every_script_comes_back(database: Database) -> None:
+    with database.session() as session:
+        session.add(Agent(id="a", name="a", owner="o", description="東京 - Cup"))
+    with database.reading() as session:
+        assert session.scalars(select(Agent.description)).all() == ["東京 - Cup"]
