@@ -37,6 +37,7 @@ from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
 from dohyo.service.storage.usage import check_bytes
 from dohyo.service.submissions.agent_routes import IdempotencyKey, owned_agent
+from dohyo.service.submissions.installed import check_installed
 from dohyo.service.submissions.model import Submission
 from dohyo.service.submissions.queries import find_submission
 from dohyo.service.web.bodies.strict_route import StrictRoute
@@ -52,7 +53,10 @@ router = APIRouter(prefix="/v1/evaluations", tags=["evaluations"], route_class=S
 async def create_evaluation(
     order: EvaluationOrder, caller: Submitter, services: ServicesOf, idempotency_key: IdempotencyKey = None
 ) -> EvaluationView:
-    """Queues one agent on one benchmark; 429 past a quota, 503 where the queue is full, 409 where a phase is closed."""
+    """Queues one agent on one benchmark; 429 past a quota, 503 where the queue is full.
+
+    409 where a phase is closed, or where the code of a built-in agent has changed since it was submitted.
+    """
     _refuse_while_ending(services)
     # One order of an owner at a time, or an owner with many would have every thread and the database's lock.
     planned = partial(_create, order, caller, services, idempotency_key)
@@ -207,10 +211,14 @@ def delete_evaluation(identifier: Identifier, caller: Submitter, services: Servi
 
 @router.post("/{identifier}/resume", responses=problems(403, 404, 409, 507))
 async def resume_evaluation(identifier: Identifier, caller: Submitter, services: ServicesOf) -> EvaluationView:
-    """Queues lost and cancelled episodes again; finished ones are kept. Has no effect where none is missing."""
+    """Queues lost and cancelled episodes again; finished ones are kept. Has no effect where none is missing.
+
+    409 where the code of a built-in agent has changed since it was submitted.
+    """
     _refuse_while_ending(services)
 
     def again() -> None:
+        check_installed(_drivers(services, caller, identifier))
         with services.database.session() as session:
             serialise(session)
             evaluation = _owned(session, caller, identifier)
@@ -258,6 +266,7 @@ def _create(order: EvaluationOrder, caller: Caller, services: Services, key: str
     with services.database.reading() as session:
         others = others_of(session, caller, order, submission, plan.benchmark)
         _check_room(session, services, caller.owner, plan.benchmark.size * len(plan.seeds))
+    check_installed([submission, *others.values()])
     scenarios = plan.benchmark.scenarios(plan.seeds)
     _refuse_while_ending(services)  # the client may have disconnected
     with services.database.session() as session:
@@ -355,6 +364,15 @@ def _owned(session: Session, caller: Caller, identifier: str) -> Evaluation:
     if not caller.owns(evaluation.owner):
         raise ForbiddenError(f"evaluation '{identifier}' is another owner's")
     return evaluation
+
+
+def _drivers(services: Services, caller: Caller, identifier: str) -> list[Submission]:
+    """Submissions that drive in an evaluation if it is resumed."""
+    with services.database.reading() as session:
+        evaluation = _owned(session, caller, identifier)
+        if not evaluation.status.finished or evaluation.status is EvaluationStatus.DONE:
+            return []
+        return [evaluation.submission, *(one.submission for one in evaluation.egos)]
 
 
 def _state(services: Services, caller: Caller, identifier: str) -> EvaluationView:

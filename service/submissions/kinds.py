@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import AgentSpec, agent_info
 from dohyo.evaluation.families import Family, family_for
 from dohyo.evaluation.records.record import AgentInfo
-from dohyo.service.confinement.limits import Limits
-from dohyo.service.confinement.runner import run
 from dohyo.service.forecasting.interface import POLICY as FORECASTER
 from dohyo.service.forecasting.interface import check_forecaster
 from dohyo.service.forecasting.policy import OnnxForecaster
@@ -22,6 +20,7 @@ from dohyo.service.policies.agent import ENTRY, OnnxPolicy
 from dohyo.service.policies.limits import MEGABYTE, PolicyLimits
 from dohyo.service.storage.files import file_lock
 from dohyo.service.submissions import queries
+from dohyo.service.submissions.installed import describe, note_unchanged
 from dohyo.service.submissions.model import AgentKind, Submission
 from dohyo.service.submissions.views import view_submission
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -30,15 +29,11 @@ from dohyo.sumo_networks.files import write_atomically
 if TYPE_CHECKING:
     from dohyo.service.parking.policy import OnnxParker
 
-TRIAL: Final = Limits(wall_s=60.0, cpu_s=60, memory_mb=3000, file_mb=1, folder_mb=10)
-
 
 def try_builtin(task: Task) -> Made:
     """Describes a built-in agent, in a confined process, since its settings come from a stranger."""
     entry = agent_entries()[task.arguments["entry"]]
-    arguments, imports = {"entry": entry, "settings": task.arguments["settings"]}, [entry.partition(":")[0]]
-    described: dict[str, Any] = run("describe_agent", arguments, TRIAL, imports=imports, stopped=task.stop.is_set)
-    return _store(task, AgentKind.BUILTIN, AgentInfo.model_validate(described))
+    return _store(task, AgentKind.BUILTIN, describe(entry, task.arguments["settings"], task.stop.is_set))
 
 
 def try_onnx(task: Task) -> Made:
@@ -73,6 +68,8 @@ def _store(task: Task, kind: AgentKind, info: AgentInfo, policy_sha256: str | No
             submission = queries.add_submission(
                 *(session, agent, kind, info, policy_sha256), identifier=identifier, kept_bytes=kept_bytes
             )
+            if kind is AgentKind.BUILTIN:
+                note_unchanged(identifier)
         view = view_submission(submission, name)
     return Made(view.model_dump(mode="json"), f"/v1/agents/{name}/submissions/{view.version}")
 

@@ -5,12 +5,15 @@ import threading
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.service.accounts.model import Role
 from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
 from dohyo.service.evaluations.queries import list_episodes
-from tests.service.harness import Harness, assert_problem, finish, running
+from dohyo.service.submissions import installed
+from dohyo.service.submissions.model import Agent, Submission
+from tests.service.harness import Caller, Harness, assert_problem, finish, running
 
 
 def test_one_episode_per_scenario_in_the_benchmarks_order(stored: Harness) -> None:
@@ -303,3 +306,48 @@ def test_the_key_of_a_deleted_evaluation_orders_a_new_one(stored: Harness) -> No
     assert again.status_code == 201, again.text
     assert again.json()["id"] != deleted
     assert team.post("/v1/evaluations", order, headers=key).json()["id"] == again.json()["id"]
+
+
+@pytest.fixture
+def upgraded(stored: Harness, monkeypatch: pytest.MonkeyPatch) -> Caller:
+    """An owner whose built-in agent `a` has other code since an upgrade, and whose agent `b` has not."""
+    monkeypatch.setattr(installed, "_unchanged", set())
+    team = stored.caller("team")
+    for name in ("a", "b"):
+        assert team.post("/v1/agents", {"name": name}).status_code == 201
+        assert team.post(f"/v1/agents/{name}/submissions", {"kind": "builtin", "entry": "random"}).status_code == 201
+    with stored.services.database.session() as session:
+        changed = session.execute(select(Submission).join(Agent).where(Agent.name == "a")).scalars().one()
+        changed.info = changed.info | {"source_sha256": "0" * 64}
+    installed._unchanged.clear()  # as after a start
+    return team
+
+
+def test_a_built_in_agent_whose_code_has_changed_is_refused_when_it_is_ordered(upgraded: Caller) -> None:
+    order = {"agent": "a", "benchmark": "quickstart", "ranked": True}
+    for _ in range(11):  # more often than a day has runs
+        assert_problem(upgraded.post("/v1/evaluations", order), 409, "its code has changed", "submit it again")
+    mixed = {"agent": "b", "benchmark": "fleet", "egos": {"west-1": {"agent": "a"}}}
+    assert_problem(upgraded.post("/v1/evaluations", mixed), 409, "submit it again")
+    assert upgraded.get("/v1/evaluations").json()["items"] == []
+    upgraded.evaluation("b", ranked=True)
+    assert upgraded.post("/v1/agents/a/submissions", {"kind": "builtin", "entry": "random"}).status_code == 201
+    upgraded.evaluation("a", ranked=True)
+
+
+def test_a_built_in_agent_that_is_there_no_more_is_refused(upgraded: Caller, stored: Harness) -> None:
+    with stored.services.database.session() as session:
+        gone = session.execute(select(Submission).join(Agent).where(Agent.name == "a")).scalars().one()
+        gone.info = gone.info | {"entry": "dohyo.agents.nothing:Gone"}
+    answer = upgraded.post("/v1/evaluations", {"agent": "a", "benchmark": "quickstart"})
+    assert_problem(answer, 409, "cannot be made any more: no built-in agent is 'dohyo.agents.nothing:Gone'")
+
+
+def test_a_run_of_a_built_in_agent_whose_code_has_changed_does_not_go_on(upgraded: Caller, stored: Harness) -> None:
+    run = upgraded.evaluation("b", seeds=[0])
+    finish(stored.services.database, run, EvaluationStatus.FAILED, EpisodeStatus.LOST)
+    with stored.services.database.session() as session:
+        changed = session.execute(select(Submission).join(Agent).where(Agent.name == "b")).scalars().one()
+        changed.info = changed.info | {"files_sha256": "0" * 64}
+    installed._unchanged.clear()
+    assert_problem(upgraded.post(f"/v1/evaluations/{run}/resume"), 409, "submit it again")

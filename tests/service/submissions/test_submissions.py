@@ -12,7 +12,7 @@ import pytest
 from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.service.policies.agent import OnnxPolicy
-from dohyo.service.submissions import kinds
+from dohyo.service.submissions import installed
 from tests.service.harness import Caller, Harness, assert_problem
 from tests.service.policies.models import identity
 
@@ -131,7 +131,7 @@ def test_what_cannot_drive_is_refused_and_leaves_nothing(
 def test_settings_are_checked_by_their_schema_before_anything_is_built(
     team: Caller, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kinds, "run", lambda *_, **__: pytest.fail("an agent was built"))
+    monkeypatch.setattr(installed, "run", lambda *_, **__: pytest.fail("an agent was built"))
     answer = submit(team, {"kind": "builtin", "entry": "autopilot", "settings": {"max_speed": "fast", "gap": 51}})
     assert_problem(answer, 422)
     assert [one["where"] for one in answer.json()["errors"]] == ["body.settings.max_speed", "body.settings.gap"]
@@ -190,7 +190,7 @@ def test_a_settings_tree_of_a_thousand_floors(team: Caller) -> None:
 
 
 def test_a_trial_that_never_ends_is_ended(team: Caller, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kinds, "TRIAL", replace(kinds.TRIAL, wall_s=0.001))
+    monkeypatch.setattr(installed, "TRIAL", replace(installed.TRIAL, wall_s=0.001))
     assert_problem(submit(team, {"kind": "builtin", "entry": "autopilot"}), 422, "longer than 0.001 s")
 
 
