@@ -100,10 +100,11 @@ class DrainingServer(uvicorn.Server):
         gc.freeze()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Starts to drain at the first signal and ends at the second."""
+        """Starts to drain at the first signal and ends at the second; one before the start is over ends it."""
         if self._drain is None and self.started:
             self._loop.call_soon_threadsafe(self._begin)
         else:
+            self._services.database.given_up = not self.started
             super().handle_exit(sig, frame)
 
     def _begin(self) -> None:

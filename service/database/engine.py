@@ -39,6 +39,7 @@ class Database:
     Attributes:
         engine: Engine of SQLAlchemy.
         fenced: Whether nothing may be written, since this server's lock is away (`server_lock`).
+        given_up: Whether the start was ended by a signal, so that nothing waits for a database that refuses.
     """
 
     def __init__(self, url: str, *, busy_s: float = BUSY_S, pool: int = 20) -> None:
@@ -50,10 +51,10 @@ class Database:
             pool: Connections at once; FastAPI has 40 threads, few of which are in the database at one moment.
 
         Raises:
-            InvalidInputError: The URL is of another kind of database.
+            InvalidInputError: The URL is of another kind of database, or of one in memory, which stores nothing.
         """
         self.engine = _make_engine(url, busy_s, pool)
-        self.fenced = False
+        self.fenced = self.given_up = False
         self.is_sqlite = self.engine.dialect.name == "sqlite"
         self._writing = self.engine.execution_options(dohyo_write=True)
 
@@ -172,6 +173,8 @@ def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
         # The URL may hold a password: it is not repeated.
         raise InvalidInputError("database: expected a URL such as postgresql://user:password@host/name") from error
     if parsed.get_backend_name() == "sqlite":
+        if parsed.database in (None, "", ":memory:") or "uri" in parsed.query:
+            raise InvalidInputError("database: expected a file of SQLite, such as sqlite:////srv/dohyo.db")
         engine = create_engine(parsed, connect_args={"timeout": busy_s, "check_same_thread": False}, pool_size=pool)
         event.listen(engine, "connect", partial(_configure_sqlite, busy_s=busy_s))
         event.listen(engine, "begin", _begin_sqlite)

@@ -77,7 +77,7 @@ class PatientDatabase:
             try:
                 return await asyncio.to_thread(once)
             except REFUSALS as error:
-                if self.stopped or not patient:
+                if self.stopped or self._database.given_up or not patient:
                     raise
                 logger.warning("the database refuses, trying again: %s", error)
                 await asyncio.sleep(pause)

@@ -212,18 +212,15 @@ class _AdvisoryLock:
 
 
 class _FileLock:
-    """A locked file beside the file of SQLite; a database in memory needs none."""
+    """A locked file beside the file of SQLite."""
 
     def __init__(self, database: Database) -> None:
-        file = database.engine.url.database
-        self._path = Path(f"{Path(file).resolve()}.lock") if file and file != ":memory:" else None
+        self._path = Path(f"{Path(database.engine.url.database or '').resolve()}.lock")
         self._lock: FileLock | None = None
         self._inode = 0
 
     def take(self) -> bool:
         self.release()
-        if self._path is None:
-            return True
         lock = FileLock(self._path, blocking=False, thread_local=False)
         try:
             lock.acquire()
@@ -235,7 +232,7 @@ class _FileLock:
     def held(self) -> bool:
         """Whether the file is still the one that this process has locked."""
         try:
-            return self._path is None or self._path.stat().st_ino == self._inode
+            return self._path.stat().st_ino == self._inode
         except OSError:
             return False
 

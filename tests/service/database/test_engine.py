@@ -250,6 +250,13 @@ def test_other_databases_are_refused_without_telling_the_password(url: str) -> N
     assert "hunter2" not in str(raised.value)
 
 
+@pytest.mark.parametrize("rest", ["", "/", "/:memory:", "/file:x?mode=memory&uri=true"])
+def test_a_database_in_memory_is_refused(rest: str) -> None:
+    """It would forget everything with each connection."""
+    with pytest.raises(InvalidInputError, match="expected a file of SQLite"):
+        Database(f"sqlite://{rest}")
+
+
 @pytest.mark.parametrize("encoding", ["SQL_ASCII", "LATIN1"])
 def test_a_database_that_cannot_store_every_text_is_refused(postgres_server: str, encoding: str) -> None:
     """Before, the first failed at the start, and the second at the first title in Japanese."""

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 import threading
+from pathlib import Path
 
 import pytest
+import uvicorn
 from sqlalchemy import text
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.exc import TimeoutError as NoConnectionError
 from sqlalchemy.orm import Session
 
 from dohyo.service.database import patience
 from dohyo.service.database.engine import Database
 from dohyo.service.database.patience import PatientDatabase
+from dohyo.service.server import DrainingServer
+from tests.service.harness import running
 
 
 @pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
@@ -45,3 +51,24 @@ def test_a_connection_notices_that_the_network_is_gone(database: Database) -> No
         assert (parameters["tcp_user_timeout"], parameters["keepalives_idle"]) == ("10000", "10")
         assert connection.scalar(text("SHOW tcp_keepalives_idle")) in ("10", "0")  # 0: a socket of this machine
         assert connection.scalar(text("SHOW lock_timeout")) == "500ms"
+
+
+def test_a_signal_during_the_start_ends_the_wait_for_a_database_that_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, the start asked for ever, and only SIGKILL ended the service."""
+    monkeypatch.setattr(patience, "RETRY_S", (0.1,))
+    with running(tmp_path / "data") as service:
+        services = service.services
+    server = DrainingServer(uvicorn.Config(service.client.app), services)
+
+    def refused(session: Session) -> None:
+        session.execute(text("SELECT * FROM no_table"))
+
+    async def main() -> None:
+        asyncio.get_running_loop().call_later(0.3, server.handle_exit, signal.SIGTERM, None)
+        with pytest.raises(OperationalError):
+            await asyncio.wait_for(PatientDatabase(services.database).read(refused), 30)
+
+    asyncio.run(main())
+    assert server.should_exit
