@@ -10,6 +10,7 @@ With `gri.p_demo=0` it is the algorithm alone.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -18,6 +19,7 @@ from pydantic import Field
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
+from dohyo.agents.gri.driving.weathers import WeathersTask
 from dohyo.agents.gri.experts import DemonstratedTask, expert_policy
 from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import IqnConfig
@@ -36,7 +38,7 @@ from dohyo.agents.learning.tasks.task import Task, check_task
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-SIGHTS: Final = {f"driving-{sees}": sees for sees in ENCODERS}
+DRIVING: Final = {task.name: task for sees in ENCODERS for task in (DrivingTask(sees), WeathersTask(sees))}
 """Driving tasks by the name of their environment."""
 RECORDED_WITH: Final = 1_000_000
 """Seed of the recordings: all trainings of a study learn from the same demonstrations."""
@@ -47,8 +49,9 @@ class GriRunConfig(OffPolicyRunConfig):
 
     Attributes:
         env: "driving-" and what is seen ("state", "pictures", "affordances", or "classification" and "untrained" of
-            encoders that learned less), in town by GRIAD's choices and reward; or a name in gymnasium's registry, or
-            "module:NAME" of one that the module registers.
+            encoders that learned less), in town by GRIAD's choices and reward; with "-weathers" in NoCrash's four
+            conditions of training, otherwise in clear ones. Or a name in gymnasium's registry, or "module:NAME" of one
+            that the module registers.
         algorithm: What learns; its settings are the table of that name.
         episodes: Held-out episodes.
         expert: ONNX file of the policy that demonstrates; empty: the task's own expert.
@@ -86,8 +89,10 @@ def task_of(env: str, first: int, episodes: int) -> Task:
         first: Seed of the first held-out episode.
         episodes: Number of held-out episodes.
     """
-    sight = SIGHTS.get(env)
-    return GymnasiumTask(env, episodes, first) if sight is None else DrivingTask(sight, episodes, first)
+    driving = DRIVING.get(env)
+    if driving is None:
+        return GymnasiumTask(env, episodes, first)
+    return replace(driving, episodes=episodes, first=first)
 
 
 def make_learner(settings: GriRunConfig, task: Task, collector: Collector | Explorers, run: TaskRun) -> Learner:
