@@ -44,6 +44,7 @@ def prepare() -> None:
 
 def main() -> None:
     """Runs the one task that arrives on standard input, in a new interpreter."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # it ends with its parent, or by SIGKILL
     # Output of libraries must not mix with the answers.
     answers = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

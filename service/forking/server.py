@@ -2,7 +2,8 @@
 
 A new interpreter needs more than a second of processor time before it can drive; a copy needs some milliseconds. The
 server is a new interpreter with given environment variables. It reads nothing but requests of this process, so a copy
-holds nothing of the service and nothing of other copies.
+holds nothing of the service and nothing of other copies. Both ignore SIGTERM: they end with this process, or by
+SIGKILL.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from typing import Final
 
 from dohyo.service.forking.process import ForkedProcess
 
+# A signal to all processes of the service, as systemd sends it, is the service's: it lets running episodes end.
 PROGRAM: Final = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from dohyo.service.forking.program import main; main()"
+    "import json, signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN); sys.path[:] = json.loads(sys.argv[1]);"
+    " from dohyo.service.forking.program import main; main()"
 )
 END_S: Final = 10.0
 

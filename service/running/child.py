@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import socket
 import sys
 import threading
@@ -104,7 +105,9 @@ def _plan_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Chann
 def _cluster(address: str) -> Cluster:
     from dohyo.service.running.cluster import Cluster  # Ray takes a second to import, and may not be installed
 
-    return Cluster(address)
+    connected = Cluster(address)
+    _ignore_sigterm()  # again, since Ray has its own handler
+    return connected
 
 
 def end_with_server(descriptor: int) -> None:
@@ -115,5 +118,11 @@ def end_with_server(descriptor: int) -> None:
     os._exit(0)
 
 
+def _ignore_sigterm() -> None:
+    """A signal to all processes of the service is the service's, which lets this process end its episode."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
 if __name__ == "__main__":
+    _ignore_sigterm()
     serve(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])

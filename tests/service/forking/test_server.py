@@ -83,3 +83,18 @@ def test_copies_end_with_their_server_and_the_next_one_gets_another(tmp_path: Pa
     assert os.read(answer, 10) == b"here"
     again.kill()
     again.wait(120)
+
+
+def test_a_server_and_its_copies_ignore_sigterm_which_is_for_the_service(tmp_path: Path) -> None:
+    copy, answer = start("stay", tmp_path)
+    assert os.read(answer, 10) == b"here"
+    before = server._servers[TEMPLATE]
+    for pid in (copy.pid, before._process.pid):
+        os.kill(pid, signal.SIGTERM)
+    other, answer = start("stay", tmp_path)
+    assert os.read(answer, 10) == b"here"
+    assert server._servers[TEMPLATE] is before
+    assert copy.poll() is None
+    for one in (copy, other):
+        one.kill()
+        assert one.wait(120) == -signal.SIGKILL

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
@@ -299,7 +300,19 @@ def test_a_remote_worker_survives_kill_nine_of_the_server(revived: Revived, undi
     assert service.hashes(revived.remote) == undisturbed(1, "remote")
 
 
-def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_service: MakeService) -> None:
+def family(pid: int) -> list[int]:
+    """A process and all that it has started, and they in turn."""
+    parents = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+    return [pid, *(one for child, parent in parents.items() if parent == pid for one in family(child))]
+
+
+@pytest.mark.parametrize("receivers", ["service", "all processes"])  # systemd's default is the latter
+def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(
+    make_service: MakeService, receivers: str
+) -> None:
     service = make_service(processes=1, drain_s=120.0)
     queued = [service.submit(steady(f"queued-{i}"), short(missions=4), kind=AgentKind.BUILTIN) for i in range(2)]
     remote = service.submit(steady("remote"), short())
@@ -309,7 +322,11 @@ def test_sigterm_under_load_lets_episodes_end_and_leaves_nothing_running(make_se
     reply = worker.drive(episode, steps=5)
     service.wait_done(queued[0], 1)
     assert service.process is not None
-    service.process.send_signal(signal.SIGTERM)
+    assert service.process.pid is not None
+    pids = family(service.process.pid)
+    assert len(pids) >= 3  # a fork server and its copy
+    for pid in pids if receivers == "all processes" else pids[:1]:
+        os.kill(pid, signal.SIGTERM)
     directives = set()
     while not reply.get("done"):
         _, reply = worker.step(episode["lease"], reply["tick"], {"ego": [6.0, 0.0]})
