@@ -18,11 +18,13 @@ from dohyo.service import logs
 from dohyo.service.accounts.queries import first_admin_token
 from dohyo.service.app import create_app
 from dohyo.service.data_folder import held
-from dohyo.service.database.engine import Database
+from dohyo.service.database.engine import Database, usable
 from dohyo.service.database.server_lock import server_lock
 from dohyo.service.league.routes import check_league
 from dohyo.service.settings import Settings
+from dohyo.service.signing.keys import SigningKeys
 from dohyo.service.state import Services
+from dohyo.service.tls import check_authorities, check_certificate
 from dohyo.service.web.connections import ConnectionLimits, Connections, Loop, protocol
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -54,10 +56,10 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
         check_league()
     logs.configure()
     with listen(settings) as own:
-        token = _prepare(settings)
+        raise_file_limit(settings.connections)
+        token = _prepare(settings)  # the last that may be refused: the token is shown once
         scheme = "https" if settings.tls_certificate else "http"
         listening(f"{scheme}://{_shown(settings.host)}:{own.getsockname()[1]}", token)
-        raise_file_limit(settings.connections)
         app = create_app(settings)
         app.state.services.lost = _end_at_once
         server = DrainingServer(configuration(settings, app), app.state.services)
@@ -69,7 +71,8 @@ def check_exposure(settings: Settings) -> None:
     """Refuses to listen beyond loopback without encryption, unless the settings allow it.
 
     Raises:
-        InvalidInputError: Listening beyond loopback without TLS, or an incomplete TLS setting.
+        InvalidInputError: Listening beyond loopback without TLS, or a TLS setting that is incomplete or whose files
+            cannot be used.
     """
     certificate, key = settings.tls_certificate, settings.tls_key
     if (certificate is None) != (key is None):
@@ -77,6 +80,10 @@ def check_exposure(settings: Settings) -> None:
     for file in (certificate, key, settings.webhook_authorities):
         if file is not None and not file.is_file():
             raise InvalidInputError(f"TLS: no file '{file}'")
+    if certificate is not None and key is not None:
+        check_certificate(certificate, key)
+    if settings.webhook_authorities is not None:
+        check_authorities(settings.webhook_authorities)
     if certificate is None and not settings.insecure and not _is_loopback(settings.host):
         raise InvalidInputError(
             f"host '{settings.host}' is heard by other machines, and tokens would travel unencrypted; expected"
@@ -171,11 +178,12 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def _prepare(settings: Settings) -> str | None:
-    """Creates the folder and the tables; returns the first token if there was none."""
+    """Creates the folder, the key that signs and the tables; returns the first token if there was none."""
     with held(settings):
+        SigningKeys(settings.signing_key, settings.retired_signing_keys).prepare()
         database = Database(settings.database_url)
         try:
-            with server_lock(database), database.session() as session:
+            with usable(), server_lock(database), database.session() as session:
                 return first_admin_token(session)
         finally:
             database.close()

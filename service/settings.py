@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import ipaddress
 import json
-import os
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, SecretStr
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+
+from dohyo.sumo_networks.processes import usable_processors
+
+DAYS = 36_500
+"""Most days that a setting may have: a century."""
 
 
 def _words(value: Any) -> Any:
@@ -107,7 +111,7 @@ class Settings(BaseSettings):
     insecure: bool = False
     executor: Literal["processes", "ray"] = "processes"
     ray_address: Annotated[str, Field(min_length=1)] = "auto"
-    processes: Annotated[int, Field(ge=1, le=1024)] = Field(default_factory=lambda: os.cpu_count() or 1)
+    processes: Annotated[int, Field(ge=1, le=1024)] = Field(default_factory=usable_processors)
     remote_episodes: Annotated[int, Field(ge=1, le=1024)] = 8
     episode_limit_s: Annotated[float, Field(gt=0)] = 3600.0
     queue_limit: Annotated[int, Field(ge=1)] = 100_000
@@ -116,11 +120,11 @@ class Settings(BaseSettings):
     read_seconds_per_minute: Annotated[float, Field(gt=0)] = 30.0
     bytes_per_owner: Annotated[int, Field(ge=1)] = 50_000_000_000
     networks_per_owner: Annotated[int, Field(ge=1)] = 20
-    records_kept_days: Annotated[float | None, Field(gt=0)] = None
+    records_kept_days: Annotated[float | None, Field(gt=0, le=DAYS)] = None
     jobs: Annotated[int, Field(ge=1, le=64)] = 2
     jobs_per_owner: Annotated[int, Field(ge=1)] = 20
     jobs_limit: Annotated[int, Field(ge=1)] = 1000
-    jobs_kept_days: Annotated[float, Field(gt=0)] = 14.0
+    jobs_kept_days: Annotated[float, Field(gt=0, le=DAYS)] = 14.0
     connections: Annotated[int, Field(ge=8)] = 2000
     connections_per_address: Annotated[int, Field(ge=4)] = 256
     trusted_proxies: Networks = ("127.0.0.1", "::1")

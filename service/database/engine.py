@@ -13,8 +13,8 @@ from alembic import command
 from alembic.config import Config as AlembicConfig
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, Engine, create_engine, event, make_url, text
-from sqlalchemy.exc import ArgumentError, OperationalError
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy.exc import ArgumentError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -51,7 +51,8 @@ class Database:
             pool: Connections at once; FastAPI has 40 threads, few of which are in the database at one moment.
 
         Raises:
-            InvalidInputError: The URL is of another kind of database, or of one in memory, which stores nothing.
+            InvalidInputError: This is no URL, or one of another kind of database, or of one in memory, which stores
+                nothing.
         """
         self.engine = _make_engine(url, busy_s, pool)
         self.fenced = self.given_up = False
@@ -119,6 +120,20 @@ class Database:
             raise FencedError()
 
 
+@contextmanager
+def usable() -> Iterator[None]:
+    """Tells in one line of a database that cannot be used.
+
+    Raises:
+        InvalidInputError: The database does not answer, has no room, or is none.
+    """
+    try:
+        yield
+    except (SQLAlchemyError, OSError) as error:
+        reason = str(getattr(error, "orig", error)).strip().partition("\n")[0]
+        raise InvalidInputError(f"database: it cannot be used: {reason}") from error
+
+
 def serialise(session: Session) -> None:
     """Locks until the end of the transaction, so that a count stays valid."""
     if session.get_bind().dialect.name == "postgresql":
@@ -169,22 +184,32 @@ def _check_revision(connection: Connection, scripts: ScriptDirectory) -> set[str
 def _make_engine(url: str, busy_s: float, pool: int) -> Engine:
     try:
         parsed = make_url(url)
-    except ArgumentError as error:
+        if (kind := parsed.get_backend_name()) not in ("sqlite", "postgresql", "postgres"):
+            raise InvalidInputError(f"database: expected sqlite or postgresql, got '{kind}'")
+        return _make_sqlite(parsed, busy_s, pool) if kind == "sqlite" else _make_postgresql(parsed, busy_s, pool)
+    except (ArgumentError, ValueError, ImportError) as error:
         # The URL may hold a password: it is not repeated.
-        raise InvalidInputError("database: expected a URL such as postgresql://user:password@host/name") from error
-    if parsed.get_backend_name() == "sqlite":
-        if parsed.database in (None, "", ":memory:") or "uri" in parsed.query:
-            raise InvalidInputError("database: expected a file of SQLite, such as sqlite:////srv/dohyo.db")
-        engine = create_engine(parsed, connect_args={"timeout": busy_s, "check_same_thread": False}, pool_size=pool)
-        event.listen(engine, "connect", partial(_configure_sqlite, busy_s=busy_s))
-        event.listen(engine, "begin", _begin_sqlite)
-        return engine
-    if parsed.get_backend_name() not in ("postgresql", "postgres"):
-        raise InvalidInputError(f"database: expected sqlite or postgresql, got '{parsed.get_backend_name()}'")
+        raise InvalidInputError(
+            "database: expected a URL such as postgresql://user:password@host:5432/name or sqlite:////srv/dohyo.db"
+        ) from error
+
+
+def _make_sqlite(url: URL, busy_s: float, pool: int) -> Engine:
+    if url.database in (None, "", ":memory:") or "uri" in url.query:
+        raise InvalidInputError("database: expected a file of SQLite, such as sqlite:////srv/dohyo.db")
+    if url.drivername not in ("sqlite", "sqlite+pysqlite"):
+        raise InvalidInputError(f"database: expected sqlite or postgresql, got '{url.drivername}'")
+    engine = create_engine(url, connect_args={"timeout": busy_s, "check_same_thread": False}, pool_size=pool)
+    event.listen(engine, "connect", partial(_configure_sqlite, busy_s=busy_s))
+    event.listen(engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _make_postgresql(url: URL, busy_s: float, pool: int) -> Engine:
     milliseconds = int(busy_s * 1000)
     options = f"-c lock_timeout={milliseconds} -c statement_timeout={milliseconds * 6} -c timezone=UTC"
     return create_engine(
-        parsed.set(drivername="postgresql+psycopg"),
+        url.set(drivername="postgresql+psycopg"),
         connect_args={**surviving(options), "connect_timeout": max(2, int(busy_s))},
         pool_size=pool,
         max_overflow=pool,

@@ -24,7 +24,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Mapped, mapped_column
 
 from dohyo.service.database.base import Base, now
-from dohyo.service.database.engine import Database, surviving
+from dohyo.service.database.engine import Database, surviving, usable
 from dohyo.sumo_networks.errors import InvalidInputError
 
 WATCH_S: Final = 1.0
@@ -93,11 +93,8 @@ class ServerLock:
             time.sleep(0.1)
 
     def _take(self) -> bool:
-        try:
+        with usable():
             return self._lock.take()
-        except (SQLAlchemyError, OSError) as error:
-            reason = str(getattr(error, "orig", error)).strip().partition("\n")[0]
-            raise InvalidInputError(f"database: it cannot be used: {reason}") from error
 
     def watch(self) -> None:
         """Registers this start, then watches the lock in a thread."""
@@ -162,12 +159,14 @@ def server_lock(database: Database, lost: Callable[[], None] = lambda: None) -> 
         lost: Called, in a thread, once another server has the lock.
 
     Raises:
-        InvalidInputError: Another server has the lock, or the tables are of another version.
+        InvalidInputError: Another server has the lock, the tables are of another version, or the database cannot be
+            used.
     """
     lock = ServerLock(database, lost)
     lock.take()
     try:
-        database.migrate()
+        with usable():
+            database.migrate()
         yield lock
     finally:
         lock.release()

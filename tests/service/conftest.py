@@ -9,7 +9,7 @@ from playwright.sync_api import Browser
 from pydantic import SecretStr
 
 from dohyo.service.database.engine import Database
-from tests.service import browsing, postgres, tables
+from tests.service import browsing, certificates, postgres, tables
 from tests.service.harness import Harness, running
 from tests.service.served import Service
 from tests.service.shop import Shop
@@ -28,6 +28,12 @@ def browser() -> Iterator[Browser]:
     """For one file only: while Playwright lives, asyncio believes that a loop runs in this thread."""
     with browsing.launched() as chromium:
         yield chromium
+
+
+@pytest.fixture(scope="module")
+def certified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A self-signed certificate of this machine, and its key."""
+    return certificates.make(tmp_path_factory.mktemp("tls"))
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import signal
+import sqlite3
 import threading
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import httpx
 import pytest
 from pydantic import ValidationError
 from sqlalchemy import select
+from sqlalchemy.exc import OperationalError
 
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation
@@ -135,16 +137,15 @@ def test_a_request_that_outlasts_the_shutdown_is_told_so_and_leaves_nothing(tmp_
     database.close()
 
 
-def test_beyond_this_machine_only_with_tls_or_on_purpose(tmp_path: Path) -> None:
-    pem = tmp_path / "x.pem"
-    pem.write_text("")
+def test_beyond_this_machine_only_with_tls_or_on_purpose(tmp_path: Path, certified: tuple[Path, Path]) -> None:
+    pem, key = certified
     for host in ("127.0.0.1", "::1", "localhost", "127.9.9.9"):
         check_exposure(Settings(host=host))
     for host in ("0.0.0.0", "::", "192.168.0.7", "example.org"):
         with pytest.raises(InvalidInputError, match="unencrypted"):
             check_exposure(Settings(host=host))
         check_exposure(Settings(host=host, insecure=True))
-        check_exposure(Settings(host=host, tls_certificate=pem, tls_key=pem))
+        check_exposure(Settings(host=host, tls_certificate=pem, tls_key=key))
     with pytest.raises(InvalidInputError, match="both"):
         check_exposure(Settings(tls_certificate=pem))
     with pytest.raises(InvalidInputError, match="no file"):
@@ -163,6 +164,10 @@ def test_a_decision_may_take_a_tenth_of_a_second_at_least() -> None:
         (("--host", "0.0.0.0"), "unencrypted"),
         (("--executor", "magic"), "executor"),
         (("--database", "mysql://user:hunter2@host/x"), "expected sqlite or postgresql"),
+        (("--database", "postgresql://user:hunter2@host:abc/x"), "expected a URL such as"),
+        (("--database", "postgresql://user:hunter2@[::1/x"), "expected a URL such as"),
+        (("--database", "sqlite+aiosqlite:///x.db"), "expected sqlite or postgresql"),
+        (("--database", "sqlite://hunter2/x.db"), "expected a URL such as"),
         (("--data", "/proc/nowhere"), "cannot be used"),
         (("--host", "192.0.2.1", "--insecure"), "cannot listen"),
     ],
@@ -173,6 +178,35 @@ def test_what_cannot_be_served_is_refused(tmp_path: Path, options: tuple[str, ..
     assert isinstance(done.exception, InvalidInputError)
     assert says in str(done.exception)
     assert "hunter2" not in str(done.exception) + done.output
+
+
+def test_a_file_that_is_no_database_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "x.db"
+    file.write_text("no database " * 100)
+    done = command("serve", "--port", "0", "--data", str(tmp_path / "data"), "--database", f"sqlite:///{file}")
+    assert isinstance(done.exception, InvalidInputError)
+    assert str(done.exception) == "database: it cannot be used: file is not a database"
+
+
+def test_a_start_without_room_is_one_line_and_shows_no_token(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: Database) -> None:
+        raise OperationalError("CREATE TABLE", {}, sqlite3.OperationalError("database or disk is full"))
+
+    monkeypatch.setattr(Database, "migrate", full)
+    done = command("serve", "--port", "0", "--data", str(tmp_path / "data"))
+    assert isinstance(done.exception, InvalidInputError)
+    assert str(done.exception) == "database: it cannot be used: database or disk is full"
+    assert done.output == ""
+
+
+@pytest.mark.parametrize("days", ["1e7", "inf", "nan", "0"])
+@pytest.mark.parametrize("setting", ["jobs_kept_days", "records_kept_days"])
+def test_days_have_an_upper_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, setting: str, days: str) -> None:
+    """Before, the service started, and each removal failed since there is no such day."""
+    monkeypatch.setenv(f"DOHYO_{setting.upper()}", days)
+    done = command("serve", "--port", "0", "--data", str(tmp_path / "data"))
+    assert isinstance(done.exception, InvalidInputError)
+    assert setting in str(done.exception)
 
 
 def test_tokens_need_a_service(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import ssl
 import subprocess
 from collections.abc import Iterator
@@ -17,25 +16,16 @@ from dohyo.service.client.client import Client
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker_session import WorkerSession
 from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.server import check_exposure
+from dohyo.service.settings import Settings
 from dohyo.service.webhooks import delivery
 from dohyo.service.webhooks import queries as webhooks
+from dohyo.sumo_networks.errors import InvalidInputError
+from tests.service import certificates
 from tests.service.harness import finish, running
+from tests.service.serving import command as run_here
 from tests.service.serving import run, serving
 from tests.service.webhooks.receiver import Receiver, settled
-
-
-@pytest.fixture(scope="module")
-def certified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A self-signed certificate of this machine, and its key."""
-    if shutil.which("openssl") is None:
-        pytest.skip("no openssl on this machine to make a certificate with")
-    folder = tmp_path_factory.mktemp("tls")
-    certificate, key = folder / "certificate.pem", folder / "key.pem"
-    command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
-    command += ["-keyout", str(key), "-out", str(certificate), "-days", "2", "-subj", "/CN=localhost"]
-    command += ["-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
-    subprocess.run(command, check=True, capture_output=True)
-    return certificate, key
 
 
 @pytest.fixture
@@ -45,6 +35,48 @@ def receiver(certified: tuple[Path, Path]) -> Iterator[Receiver]:
     made = Receiver(context)
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory, certified: tuple[Path, Path]) -> dict[str, Path]:
+    """Files that go together, and files that do not."""
+    folder = tmp_path_factory.mktemp("mistakes")
+    certificate, key = certified
+    encrypted, empty = folder / "encrypted.pem", folder / "empty.pem"
+    command = ["openssl", "pkcs8", "-topk8", "-in", str(key), "-out", str(encrypted), "-passout", "pass:hunter2"]
+    subprocess.run(command, check=True, capture_output=True)
+    empty.touch()
+    other = certificates.make(folder / "other")[1]
+    return {"certificate": certificate, "key": key, "encrypted": encrypted, "empty": empty, "other": other}
+
+
+@pytest.mark.parametrize(
+    ("certificate", "key", "says"),
+    [
+        ("key", "certificate", "expected PEM files of a certificate and of its key"),
+        ("empty", "empty", "expected PEM files"),
+        ("certificate", "empty", "expected PEM files"),
+        ("certificate", "other", "the key is of another certificate"),
+        ("certificate", "encrypted", "the key is encrypted"),
+    ],
+)
+def test_files_that_cannot_be_used_are_one_line_before_anything_is_made(
+    tmp_path: Path, files: dict[str, Path], certificate: str, key: str, says: str
+) -> None:
+    """Before, they were tracebacks after the administrator's token, which is shown once."""
+    data = tmp_path / "data"
+    tls = ("--tls-certificate", str(files[certificate]), "--tls-key", str(files[key]))
+    done = run_here("serve", "--port", "0", "--data", str(data), *tls)
+    assert isinstance(done.exception, InvalidInputError)
+    assert says in str(done.exception)
+    assert not data.exists()
+
+
+def test_authorities_of_webhooks_are_certificates(files: dict[str, Path]) -> None:
+    check_exposure(Settings(webhook_authorities=files["certificate"]))
+    for one in ("key", "empty"):
+        with pytest.raises(InvalidInputError, match="expected a PEM file of certificates"):
+            check_exposure(Settings(webhook_authorities=files[one]))
 
 
 @pytest.mark.slow
