@@ -6,6 +6,7 @@ new interpreter needs two seconds of processor time.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import sys
@@ -24,8 +25,42 @@ UNGUARDED: Final = 78
 """Exit code of a worker process that imported a script without a guard, and was asked by it to start work again."""
 GUARD: Final = 'a script that starts processes needs `if __name__ == "__main__":` around what it does'
 
+CGROUPS: Final = Path("/sys/fs/cgroup")
+OWN_CGROUP: Final = Path("/proc/self/cgroup")
+
 _owner: int | None = None
 """Process that started the server, and that alone can use it: not one that was forked from it."""
+
+
+def usable_processors() -> int:
+    """Number of processors that this process may use, at least 1: by its affinity, and by the quota of its container.
+
+    A quota of cgroups v2 counts, rounded up: 1.5 processors are two.
+    """
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota = _quota()
+    return there if math.isinf(quota) else max(1, min(there, math.ceil(quota)))
+
+
+def _quota() -> float:
+    """Processors that the control group of this process and those above it may use; `inf` where nothing limits them."""
+    try:
+        lines = OWN_CGROUP.read_text().splitlines()
+    except OSError:
+        return math.inf
+    own = next((line.removeprefix("0::/") for line in lines if line.startswith("0::/")), None)
+    if own is None:  # cgroups v1 alone
+        return math.inf
+    groups = [CGROUPS / own, *(CGROUPS / above for above in Path(own).parents)]
+    return min(_quota_of(group / "cpu.max") for group in groups)
+
+
+def _quota_of(file: Path) -> float:
+    try:
+        quota, period = file.read_text().split()
+        return math.inf if quota == "max" else int(quota) / int(period)
+    except (OSError, ValueError, ZeroDivisionError):  # the topmost group has no such file
+        return math.inf
 
 
 def worker_context() -> ForkServerContext | SpawnContext:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import Annotated
@@ -25,6 +24,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import network_entry, network_names
 from dohyo.sumo_networks.networks.importing import import_network
 from dohyo.sumo_networks.networks.parsing import file_hash
+from dohyo.sumo_networks.processes import usable_processors
 
 AGENTS = ("autopilot", "reckless")
 SEEDS = (0, 1)
@@ -54,7 +54,7 @@ def demo(
     benchmark = write_benchmark(made.benchmark, folder / f"{network}.toml", notes_of(made))
     console.print(f"benchmark: {benchmark.resolve()}")
     for agent in AGENTS:
-        _drive(agent, made.benchmark, folder / agent, workers or os.cpu_count() or 1)
+        _drive(agent, made.benchmark, folder / agent, workers or usable_processors())
     report([folder / agent for agent in AGENTS], folder / "report.html")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -44,6 +43,7 @@ from dohyo.service.cli.seeds import parse_seeds
 from dohyo.service.policies.agent import ENTRY as POLICY
 from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import usable_processors
 
 _WORDS: Final[Mapping[str, bool | None]] = {"true": True, "false": False, "null": None}
 
@@ -99,7 +99,7 @@ def evaluate(
             "agent MISSION=AGENT": list(agents) != [REST],
         }
         _refuse_driving_options(benchmark, given)
-        processes = workers or os.cpu_count() or 1
+        processes = workers or usable_processors()
         order = (called, benchmark, parse_settings(settings or []), chosen, folder, processes, json)
         if family is Family.PARKING:
             evaluate_on_parking(*order, deadline)
@@ -184,7 +184,7 @@ def _executor(engine: Engine, workers: int | None, address: str | None) -> Execu
         return RayExecutor(address, workers)
     if address is not None:
         raise InvalidInputError("--address: only with --executor ray")
-    return ProcessPool(workers or os.cpu_count() or 1)
+    return ProcessPool(workers or usable_processors())
 
 
 def _note(record: EpisodeRecord | None) -> str:

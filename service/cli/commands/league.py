@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +18,7 @@ from dohyo.service.cli.output import console
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import usable_processors
 
 DIFFERS = 1
 EditionFile = Annotated[
@@ -49,7 +49,7 @@ def run(
         console.print(f"{done} of {count}: {entrant.name} in {discipline.name}")
         return ProgressBar(f"{entrant.name} in {discipline.name}")
 
-    league.run(chosen, out, *names, rows=rows, workers=workers or os.cpu_count() or 1, tell=tell)
+    league.run(chosen, out, *names, rows=rows, workers=workers or usable_processors(), tell=tell)
     console.print(f"rows: {rows or out}")
 
 

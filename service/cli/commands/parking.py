@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.cli.trust import check_trusted
 from dohyo.service.parking.interface import POLICY as PARKER
 from dohyo.service.policies.agent import NAME as ONNX
+from dohyo.sumo_networks.processes import usable_processors
 
 DIFFERS = 1
 
@@ -135,7 +135,7 @@ def drive_lots_again(
     check_trusted(records[0].agent, path, trust)
     with ProgressBar(f"lots of {records[0].benchmark.name}", hidden=hidden) as tell:
         more = {} if policy is None else {"path": str(policy)}
-        return drive_again(records, os.cpu_count() or 1, tell, more, deadline_s)
+        return drive_again(records, usable_processors(), tell, more, deadline_s)
 
 
 def _document(benchmark: str, records: Sequence[ParkingRecord]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Annotated
 
 import typer
@@ -15,6 +14,7 @@ from dohyo.service.cli.commands.freeway import prepare_days
 from dohyo.service.cli.output import console
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.processes import usable_processors
 from dohyo.sumo_networks.simulation.traffic_log import logs_folder
 
 
@@ -23,7 +23,7 @@ def prepare(
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; default: one per CPU.")] = None,
 ) -> None:
     """Makes a benchmark's recorded runs or days. Run again, it continues where it stopped."""
-    processes = workers or os.cpu_count() or 1
+    processes = workers or usable_processors()
     match find_family(name):
         case Family.FREEWAY | Family.FORECASTING:
             prepare_days(name, processes)
