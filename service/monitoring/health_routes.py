@@ -11,6 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from dohyo.service.confinement.layers import layers
 from dohyo.service.errors import problem
+from dohyo.service.monitoring.room import lack_of_room
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import problems
 
@@ -25,7 +26,7 @@ async def get_liveness() -> dict[str, str]:
 
 @router.get("/ready", response_model=None, responses={200: {"content": {"application/json": {}}}})
 async def get_readiness(services: ServicesOf) -> dict[str, Any] | JSONResponse:
-    """Readiness: the database answers, is locked by this server, and the service is not shutting down."""
+    """Readiness: the database answers, is locked by this server, orders can be stored, and no shutdown has begun."""
     if services.draining:
         return problem(503, "the service is shutting down", {"retry-after": "30"})
     if services.database.fenced:
@@ -35,6 +36,9 @@ async def get_readiness(services: ServicesOf) -> dict[str, Any] | JSONResponse:
         await to_thread.run_sync(services.database.check, limiter=CapacityLimiter(1))
     except SQLAlchemyError:
         return problem(503, "the database does not answer", {"retry-after": "5"})
+    data = services.settings.data
+    if lack := await to_thread.run_sync(lack_of_room, data, limiter=CapacityLimiter(1)):
+        return problem(503, lack, {"retry-after": "60"})
     return {
         "status": "ready",
         "started": services.started.isoformat(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import shutil
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -66,6 +67,8 @@ class _Counts:
         yield _gauge("dohyo_start_time_seconds", "Start of the service.", self._services.started.timestamp())
         yield _gauge("dohyo_episodes", "Episodes by status.", episodes, "status")
         yield _gauge("dohyo_evaluations", "Evaluations by status.", evaluations, "status")
+        free = shutil.disk_usage(self._services.settings.data).free
+        yield _gauge("dohyo_data_free_bytes", "Free bytes of the disk of the data folder.", free)
         for name, value in self._services.scheduler.snapshot().items():
             values = value.values() if isinstance(value, Mapping) else [value]
             if all(isinstance(one, int | float) for one in values):

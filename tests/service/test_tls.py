@@ -116,6 +116,7 @@ def test_a_webhook_over_https_goes_to_whom_it_can_trust_alone(
 ) -> None:
     monkeypatch.setattr(delivery, "POLL_S", 0.02)
     monkeypatch.setattr(webhooks, "FIRST_WAIT", timedelta(seconds=0.001))
+    monkeypatch.setattr(webhooks, "ATTEMPTS", 8)
     authorities = certified[0] if trusted else None
     with running(tmp_path / "data", webhook_private_addresses=True, webhook_authorities=authorities) as service:
         team = service.caller("team")

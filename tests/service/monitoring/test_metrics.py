@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,7 @@ def test_the_state_of_the_service_is_told(service: Harness) -> None:
     assert found["dohyo_episodes", labels(status="queued")] > 1
     assert found["dohyo_episode_changes_total", labels(status="done")] == 1
     assert found["dohyo_scheduler_running", labels()] == 0
+    assert 0 < found["dohyo_data_free_bytes", labels()] <= shutil.disk_usage(service.services.settings.data).total
     assert found["dohyo_start_time_seconds", labels()] == service.services.started.timestamp()
     (build,) = [dict(key[1]) for key in found if key[0] == "dohyo_build_info"]
     assert build["sumo"] == "1.28.0"
