@@ -157,6 +157,15 @@ def test_a_module_that_cannot_be_imported_is_named_with_the_cause(dohyo: str, fo
     assert "no_such_library" in line
 
 
+def test_stored_rows_that_the_wheel_lacks_are_told_of(dohyo: str, folder: Path) -> None:
+    page = run(dohyo, "league", "table", cwd=folder)
+    assert page.returncode == 0, page.stderr
+    assert "in dohyo's repository only" in page.stdout
+    studies = run(str(Path(dohyo).with_name("python")), "-m", "dohyo.agents.studies", "ghrl", "table", cwd=folder)
+    assert studies.returncode == 1
+    assert "they are in dohyo's repository only" in studies.stderr
+
+
 def test_forecasts_are_measured(dohyo: str, folder: Path) -> None:
     write_csv(folder / "speeds.csv", road_speeds(200, 3))
     result = run(dohyo, "forecast", "fit", "--data", "speeds.csv", "--model", "persistence", "--json", cwd=folder)

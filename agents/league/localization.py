@@ -21,14 +21,18 @@ TOLD: Final = (
     "The UKF drove fewer journeys, so that it compares with the others on its own ones alone (all cells). "
     "These journeys were made with dohyo 0.1.0."
 )
+_TITLE: Final = "## Where a vehicle is"
+NOT_HERE: Final = "The stored rows of this section are in dohyo's repository only, not in an installed dohyo."
 
 
 def section() -> str:
-    """Filters by the rate of fixes, from the rows of their own study."""
+    """Filters by the rate of fixes, from the rows of their own study; a line that tells so where they are missing."""
+    if not STUDY.exists():
+        return f"{_TITLE}\n\n{NOT_HERE}"
     cells = json.loads(STUDY.read_text())["cells"]
     lines = [[told, *(_share(cells, name, rate) for rate in RATES_HZ)] for name, told in FILTERS.items()]
     table = markdown(["within 0.5 m, %", *(f"{rate:g} Hz" for rate in RATES_HZ)], lines)
-    return f"## Where a vehicle is\n\n{TOLD}\n\n{table}\n\n[All cells](researchers/systems/localization-results.md)."
+    return f"{_TITLE}\n\n{TOLD}\n\n{table}\n\n[All cells](researchers/systems/localization-results.md)."
 
 
 def _share(cells: list[Mapping[str, Any]], name: str, rate_hz: float) -> str:

@@ -28,6 +28,7 @@ from dohyo.agents.studies.tables import write_section
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNameError
 
 INTERRUPTED = 130
+NOT_INSTALLED = "; they are in dohyo's repository only, not in an installed dohyo; --rows FOLDER reads those of a run"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if given.action == "run":
             _run(name, study, given)
         elif not (results := _stored(study, given)).rows:
-            print(f"{name}: no stored rows")
+            print(f"{name}: no stored rows{_why(study.stored, given)}")
         elif given.action == "table":
             _table(name, study, results, given)
         elif study.figures is not None:
@@ -124,11 +125,16 @@ def sections(name: str, study: Study[Any]) -> dict[str, Callable[[Results], str]
 
 def _stored(study: Study[Any], given: argparse.Namespace) -> Results:
     folder = given.rows or study.stored
-    results = study.read(folder)
+    results = study.read(folder) if folder.exists() else Results((), {})
     rows = [row for row in results.rows if given.arms is None or row["arm"] in given.arms]
     if not rows and given.name != "all":
-        raise InvalidInputError(f"'{folder}': expected stored rows, found none")
+        raise InvalidInputError(f"'{folder}': expected stored rows, found none{_why(folder, given)}")
     return Results(rows, results.facts)
+
+
+def _why(folder: Path, given: argparse.Namespace) -> str:
+    """Why there are no published rows; "" where others were asked for, or where there is a folder of them."""
+    return NOT_INSTALLED if given.rows is None and not folder.exists() else ""
 
 
 if __name__ == "__main__":

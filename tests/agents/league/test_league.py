@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from dohyo.agents.league import evaluating, league
+from dohyo.agents.league import evaluating, league, localization
 from dohyo.agents.league.edition import Edition, read_edition
 from dohyo.agents.league.figures import Driver, drivers, front, label_places, profiles
 from dohyo.agents.league.page import page
@@ -295,6 +295,11 @@ def test_a_profile_has_the_infractions_per_km_of_all_driving_disciplines() -> No
 def test_the_published_page_is_what_the_stored_rows_give(tmp_path: Path) -> None:
     assert dohyo.invoke(app, ["league", "table", "--out", str(tmp_path / "page.md")]).exit_code == 0
     assert (tmp_path / "page.md").read_text() == (DOCS / "league.md").read_text()
+
+
+def test_the_page_is_made_without_rows_that_are_not_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(localization, "STUDY", tmp_path / "results" / "study.json")
+    assert localization.section().splitlines() == ["## Where a vehicle is", "", localization.NOT_HERE]
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,22 @@ def test_p_values_have_two_digits_that_count() -> None:
     assert [probability(p) for p in (0.0004, 0.001, 0.0496, 0.1, 1.0)] == ["< 0.001", "0.001", "0.050", "0.10", "1.00"]
 
 
+@pytest.mark.parametrize("action", ["table", "figures"])
+def test_an_installed_dohyo_says_where_the_stored_rows_are(
+    action: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    installed = {name: replace(study_named(name), room=tmp_path / name) for name in ("ghrl", "ghrl-trainings")}
+    monkeypatch.setattr(command, "study_named", installed.__getitem__)
+    monkeypatch.setattr(command, "studies", lambda: installed)
+    for name in installed:
+        with pytest.raises(InvalidInputError, match=r"found none; they are in dohyo's repository only.* --rows FOLDER"):
+            main([name, action])
+        with pytest.raises(InvalidInputError, match=r"expected stored rows, found none$"):
+            main([name, action, "--rows", str(tmp_path / "nothing")])
+    main(["all", action])
+    assert capsys.readouterr().out.count("no stored rows; they are in dohyo's repository only") == len(installed)
+
+
 def test_the_command_lists_the_studies_and_prints_one_section(capsys: pytest.CaptureFixture[str]) -> None:
     main([])
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(studies())
