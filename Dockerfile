@@ -48,5 +48,5 @@ RUN python -m dohyo.sumo_networks.networks.catalog
 VOLUME /data
 EXPOSE 8000
 HEALTHCHECK --interval=30s --timeout=10s --start-period=60s CMD \
-    ["python", "-c", "import os, urllib.request as web; web.urlopen(f'http://127.0.0.1:{os.environ[\"DOHYO_PORT\"]}/health/ready', timeout=8)"]
+    ["python", "-c", "import os, urllib.request as web; host = os.environ['DOHYO_HOST']; own = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host); web.urlopen('http://%s:%s/health/ready' % ('[%s]' % own if ':' in own else own, os.environ['DOHYO_PORT']), timeout=8)"]
 CMD ["dohyo", "serve"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import ipaddress
+import logging
 import os
 import resource
 import socket
@@ -21,7 +22,7 @@ from dohyo.service.data_folder import held
 from dohyo.service.database.engine import Database, usable
 from dohyo.service.database.server_lock import server_lock
 from dohyo.service.league.routes import check_league
-from dohyo.service.settings import Settings
+from dohyo.service.settings import Settings, unknown_variables
 from dohyo.service.signing.keys import SigningKeys
 from dohyo.service.state import Services
 from dohyo.service.tls import check_authorities, check_certificate
@@ -32,6 +33,8 @@ KEEP_ALIVE_S = 120
 CLOSE_S = 5
 OTHER_FILES = 1024  # besides connections: records, databases, pipes of episodes
 LOST = 3  # exit code
+
+logger = logging.getLogger("dohyo.service")
 
 
 def run(settings: Settings, listening: Callable[[str, str | None], None]) -> bool:
@@ -55,6 +58,8 @@ def run(settings: Settings, listening: Callable[[str, str | None], None]) -> boo
     if settings.league:
         check_league()
     logs.configure()
+    for sentence in unknown_variables():
+        logger.warning(sentence)
     with listen(settings) as own:
         raise_file_limit(settings.connections)
         token = _prepare(settings)  # the last that may be refused: the token is shown once

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import ipaddress
 import json
 import re
@@ -9,12 +10,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, SecretStr
-from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
+from pydantic_settings import BaseSettings, DotEnvSettingsSource, EnvSettingsSource, NoDecode, SettingsConfigDict
 
 from dohyo.sumo_networks.processes import usable_processors
 
 DAYS = 36_500
 """Most days that a setting may have: a century."""
+
+PREFIX = "DOHYO_"
+OTHER_VARIABLES = frozenset({"home", "cache", "policies", "server", "token", "site", "worker_tally"})
+"""Variables of dohyo that are no settings of the service, without the prefix."""
 
 
 def _words(value: Any) -> Any:
@@ -100,7 +105,7 @@ class Settings(BaseSettings):
         drain_s: Time for running episodes to end after SIGTERM, s.
     """
 
-    model_config = SettingsConfigDict(env_prefix="DOHYO_", env_file=".env", extra="ignore", frozen=True)
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_file=".env", extra="ignore", frozen=True)
 
     data: Path = Path("dohyo-data")
     database: SecretStr | None = None
@@ -182,3 +187,17 @@ class Settings(BaseSettings):
     def uploads(self) -> Path:
         """Folder of files that jobs will check, with a folder per job."""
         return self.data / "uploads"
+
+
+def unknown_variables() -> list[str]:
+    """A sentence on each variable of the environment or of `.env` that is named as a setting and is none."""
+    given = {**DotEnvSettingsSource(Settings).env_vars, **EnvSettingsSource(Settings).env_vars}
+    names = sorted(one.lower().removeprefix(PREFIX.lower()) for one in given if one.upper().startswith(PREFIX))
+    told = []
+    for name in names:
+        if name in Settings.model_fields or name in OTHER_VARIABLES:
+            continue
+        near = difflib.get_close_matches(name, Settings.model_fields, 1)
+        meant = f"; did you mean {PREFIX}{near[0].upper()}?" if near else ""
+        told.append(f"{PREFIX}{name.upper()} is no setting and does nothing{meant}")
+    return told

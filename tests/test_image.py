@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,24 @@ def test_the_service_is_the_default_with_its_volume_and_not_root() -> None:
     assert f"DOHYO_DATA={argument('VOLUME')}" in argument("ENV")
     assert f"DOHYO_PORT={argument('EXPOSE')}" in argument("ENV")
     assert f"-o dohyo -g dohyo {argument('VOLUME')}" in argument_with("install -d")
+
+
+@pytest.mark.parametrize(
+    ("host", "asked"),
+    [("0.0.0.0", "127.0.0.1"), ("127.0.0.1", "127.0.0.1"), ("::", "[::1]"), ("::1", "[::1]"), ("10.0.0.7", "10.0.0.7")],
+)
+def test_the_health_check_asks_where_the_service_listens(
+    monkeypatch: pytest.MonkeyPatch, host: str, asked: str
+) -> None:
+    """`::` hears IPv6 alone. Before, such a service was unhealthy for ever."""
+    urls: list[str] = []
+    monkeypatch.setattr(urllib.request, "urlopen", lambda url, timeout: urls.append(url))
+    monkeypatch.setenv("DOHYO_HOST", host)
+    monkeypatch.setenv("DOHYO_PORT", "8123")
+    python, option, program = json.loads(argument("HEALTHCHECK").partition(" CMD ")[2])
+    assert (python, option) == ("python", "-c")
+    exec(program, {})
+    assert urls == [f"http://{asked}:8123/health/ready"]
 
 
 def test_compose_keeps_the_data_and_runs_the_demo_of_make() -> None:

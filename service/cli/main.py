@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import sys
 from importlib.metadata import version
 from typing import Annotated, Any, NoReturn
@@ -45,6 +46,7 @@ def root(
 
 def main() -> None:
     """Runs the command line; bad input and unusable files become one line on standard error and exit code 2."""
+    _print_everything()
     try:
         app()
     except DohyoError as error:
@@ -55,6 +57,12 @@ def main() -> None:
         _refuse(reason)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+
+
+def _print_everything() -> None:
+    """Escapes characters that standard output cannot encode, such as an umlaut in ASCII."""
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _refuse(reason: str) -> NoReturn:

@@ -65,8 +65,9 @@ SCORES = {
 
 
 def print_json(document: object) -> None:
-    """Prints one JSON document on standard output."""
-    json.dump(document, sys.stdout, indent=1, ensure_ascii=False)
+    """Prints one JSON document on standard output, in ASCII where that cannot encode every character."""
+    unicode = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
+    json.dump(document, sys.stdout, indent=1, ensure_ascii=not unicode)
     sys.stdout.write("\n")
 
 

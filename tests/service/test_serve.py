@@ -19,7 +19,7 @@ from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation
 from dohyo.service.evaluations.queries import list_episodes
 from dohyo.service.server import check_exposure
-from dohyo.service.settings import Settings
+from dohyo.service.settings import Settings, unknown_variables
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.served import wait_until
 from tests.service.serving import command, serving
@@ -207,6 +207,25 @@ def test_days_have_an_upper_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     done = command("serve", "--port", "0", "--data", str(tmp_path / "data"))
     assert isinstance(done.exception, InvalidInputError)
     assert setting in str(done.exception)
+
+
+def test_variables_that_do_nothing_are_told_with_the_nearest_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, the service started without a word, and with the default."""
+    monkeypatch.chdir(tmp_path)
+    Path(".env").write_text("DOHYO_RUNS_PER_DAYS=3\nOTHER=1\nDOHYO_PORT=0\n")
+    for name in ("DOHYO_PROCESES", "DOHYO_XYLOPHONE", "DOHYO_HOME", "DOHYO_TOKEN", "DOHYO_JOBS", "DOHYOS"):
+        monkeypatch.setenv(name, "3")
+    sentences = [
+        "DOHYO_PROCESES is no setting and does nothing; did you mean DOHYO_PROCESSES?",
+        "DOHYO_RUNS_PER_DAYS is no setting and does nothing; did you mean DOHYO_RUNS_PER_DAY?",
+        "DOHYO_XYLOPHONE is no setting and does nothing",
+    ]
+    assert unknown_variables() == sentences
+    (tmp_path / "x.db").write_text("no database " * 100)
+    done = command("serve", "--data", str(tmp_path / "data"), "--database", f"sqlite:///{tmp_path / 'x.db'}")
+    assert [json.loads(line)["message"] for line in done.stderr.splitlines()] == sentences
 
 
 def test_tokens_need_a_service(tmp_path: Path) -> None:

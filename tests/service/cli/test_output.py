@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import json
+
 import pytest
 from rich.text import Text
 
@@ -10,6 +13,7 @@ from dohyo.evaluation.scores.nuplan.score import ClosedLoop
 from dohyo.evaluation.scores.nuplan.summary import ScoredDrive, summarise_closed_loop
 from dohyo.evaluation.summary import summarise
 from dohyo.service.cli.closed_loop import print_closed_loop
+from dohyo.service.cli.main import main
 from dohyo.service.cli.output import console, print_cells, print_comparison, print_rows
 from tests.evaluation.builders import ego, episode, lost
 
@@ -87,3 +91,25 @@ def test_a_terminal_wraps_what_is_read_and_not_what_is_copied(
     lines = Text.from_ansi(captured.get()).plain.splitlines()
     assert all(len(line.rstrip()) <= width for line in lines)
     assert (row[0] in lines[1] and row[1] in lines[1]) == whole
+
+
+def _printed(monkeypatch: pytest.MonkeyPatch, encoding: str, *arguments: str) -> str:
+    out = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr("sys.stdout", out)
+    monkeypatch.setattr("sys.argv", ["dohyo", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    out.flush()
+    return out.buffer.getvalue().decode(encoding)  # type: ignore[attr-defined, no-any-return]
+
+
+def test_what_an_output_cannot_encode_is_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pipe in ASCII is no reason for a traceback."""
+    assert "K\\xf6nigs" in _printed(monkeypatch, "ascii", "networks", "list")
+    assert "Königs" in _printed(monkeypatch, "utf-8", "networks", "list")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_json_is_json_in_every_encoding(monkeypatch: pytest.MonkeyPatch, encoding: str) -> None:
+    assert "Königs" in str(json.loads(_printed(monkeypatch, encoding, "networks", "list", "--json")))
