@@ -186,6 +186,7 @@ class LiveWorld:
             seat.show(reply)
         if reply.done and not self.order.stays:
             self.seats.remove(seat, "all of its egos have ended their drives", driven=True)
+            self.actors.forget(seat.spec.name)
 
     def sweep(self) -> None:
         """Tells spectators what has changed; repeats late decisions, or takes the places of late workers away."""

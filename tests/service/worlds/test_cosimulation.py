@@ -182,3 +182,18 @@ def test_the_faster_of_two_simulators_decides_nothing_in_the_record(client: Clie
         client.until(world, lambda found: found["finished"] is not None)
         hashes.add(client.send("GET", f"/v1/worlds/{world}/record").json()["trajectory_sha256"])
     assert len(hashes) == 1
+
+
+def test_actors_go_with_the_simulator_whose_egos_have_driven(client: Client) -> None:
+    world = client.world(scenario=scenario(2).model_dump(mode="json"), undriven="stand")
+    sim = client.seat(world, "sim", "front", coupled=True)
+    client.order(world, "resume")
+    x, y, *_ = moved(ego_row(sim, "middle"), -10.0)
+    answer = put(client, sim, 0, {"put": [row("ghost", x, y)]}, front=AHEAD)
+    while not (reply := answer.json())["done"]:
+        answer = client.step(sim, reply["tick"], front=AHEAD)
+        assert answer.status_code == 200, answer.text
+    look = client.seat(world, "look", coupled=True)
+    seen = client.step(look, look["tick"]).json()["actors"]
+    assert [one["name"] for one in seen] == ["ego:middle"]
+    assert client.get(world)["actors"] == 0
