@@ -31,6 +31,7 @@ def of_task(folder: Path) -> dict[str, str]:
         "DOHYO_CACHE": str(cache_folder()),
         "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
         "MPLCONFIGDIR": str(folder),
+        "MUJOCO_GL": "disable",  # torchrl imports it where it is there, and it would start a process to find a window
     }
 
 

@@ -46,9 +46,8 @@ START: Final = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from dohyo.service.confinement.child import main; main()"
 )
 # None of the service's environment but this. One thread in numpy's libraries; onnxruntime's wheels send telemetry
-# unless disabled; MuJoCo, which torchrl imports where it is there, would start a process to find a window library.
+# unless disabled.
 ENVIRONMENT: Final[Mapping[str, str]] = {
-    "MUJOCO_GL": "disable",
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "ORT_DISABLE_TELEMETRY": "1",
