@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
+from contextlib import AbstractContextManager, nullcontext
+from types import FrameType, TracebackType
+from typing import Final
 
 from dohyo.sumo_networks.errors import AgentTimeoutError
+
+AGAIN_S: Final = 0.5
+"""Time after which code that goes on is interrupted again."""
+SOON_S: Final = 0.001
 
 
 class _Expired(BaseException):
     """Raised inside the late code; not an Exception, so that `except Exception` there does not catch it."""
 
 
-@contextmanager
-def deadline(seconds: float, what: str) -> Iterator[None]:
+def deadline(seconds: float, what: str) -> AbstractContextManager[None]:
     """Context manager that limits the time of its block; without effect outside the main thread.
 
     Code that never returns to the Python interpreter is not interrupted; the executor ends its process.
@@ -28,23 +31,44 @@ def deadline(seconds: float, what: str) -> Iterator[None]:
     Raises:
         AgentTimeoutError: The time is over.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    return _Deadline(seconds, what) if threading.current_thread() is threading.main_thread() else nullcontext()
 
-    inside = True
 
-    def expire(number: int, frame: FrameType | None) -> None:
-        if inside:  # the signal may come between the end of the block and that of the timer
-            raise _Expired
+class _Deadline:
+    """See `deadline`. No generator: an error raised between its block and its end would leave the timer running."""
 
-    previous = signal.signal(signal.SIGALRM, expire)
-    try:
-        signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
-        yield
-    except _Expired:
-        raise AgentTimeoutError(f"{what} took longer than {seconds:g} s") from None
-    finally:
-        inside = False
+    def __init__(self, seconds: float, what: str) -> None:
+        """See `deadline`."""
+        self._seconds, self._what, self._inside = seconds, what, False
+
+    def __enter__(self) -> None:
+        """Sets the timer."""
+        self._previous = signal.signal(signal.SIGALRM, self._expire)
+        self._inside = True
+        signal.setitimer(signal.ITIMER_REAL, self._seconds, AGAIN_S)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stops the timer.
+
+        Raises:
+            AgentTimeoutError: It had interrupted the block.
+        """
+        self._inside = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, previous)
+        signal.signal(signal.SIGALRM, self._previous)
+        if isinstance(error, _Expired):
+            raise AgentTimeoutError(f"{self._what} took longer than {self._seconds:g} s") from None
+
+    def _expire(self, number: int, frame: FrameType | None) -> None:
+        """Interrupts the block, and nothing of its edges: what is raised there, nobody would catch."""
+        if not self._inside:
+            return
+        if frame is not None and frame.f_code in _EDGES:
+            signal.setitimer(signal.ITIMER_REAL, SOON_S, AGAIN_S)
+            return
+        raise _Expired
+
+
+_EDGES: Final = frozenset(one.__code__ for one in (_Deadline.__enter__, _Deadline.__exit__, _Deadline._expire))

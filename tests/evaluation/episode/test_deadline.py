@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import signal
 import time
 
@@ -24,3 +25,18 @@ def test_a_deadline_that_is_over_at_once_is_the_agents_fault(seconds: float) -> 
         time.sleep(0.05)
     assert signal.getsignal(signal.SIGALRM) is before
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_what_ends_just_at_its_deadline_leaves_no_timer_behind() -> None:
+    rng = random.Random(0)
+    late = 0
+    for _ in range(5000):
+        ends, seconds = time.perf_counter() + rng.uniform(0.0, 3e-4), rng.uniform(1e-6, 3e-4)
+        try:
+            with deadline(seconds, "agent"):
+                while time.perf_counter() < ends:
+                    sum(range(50))
+        except AgentTimeoutError:
+            late += 1
+        assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    assert 0 < late < 5000
