@@ -286,7 +286,7 @@ def test_a_part_of_a_benchmark_is_marked_by_every_command(tmp_path: Path, here: 
     assert (refused.returncode, "choose another --out" in refused.stderr) == (2, True)
     unknown = here("evaluate", *order, "--only", "agin")
     assert "no cell or mission named 'agin'; did you mean 'again'?" in unknown.stderr
-    assert "--sample" in here("evaluate", *order, "--sample", "3").stderr
+    assert "sample: expected 1 to 2 missions, got 3" in here("evaluate", *order, "--sample", "3").stderr
     assert "--only" in here("evaluate", *order, "--only", "again,").stderr
 
 

@@ -38,7 +38,11 @@ def made(client: Client, scenario: Scenario, **options: Any) -> str:
 def started(client: Client, example: str, *arguments: str) -> subprocess.Popen[str]:
     """An example in a process of its own, once it has joined."""
     command = [sys.executable, str(EXAMPLES / example), client.url, client.token, *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores Ctrl-C
+    try:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert process.stdout is not None
     assert process.stdout.readline()
     return process
@@ -108,7 +112,8 @@ def test_a_world_whose_mirror_has_ended_goes_on_without_the_other_ones_ego(clien
 @pytest.mark.parametrize("example", ["mirror_worlds.py", "world_worker.py", "commonroad_plant.py"])
 def test_an_example_leaves_its_worlds_at_ctrl_c(example: str, client: Client) -> None:
     if example == "mirror_worlds.py":
-        worlds = [made(client, street("leader", 38.0)), made(client, street("follower", 8.0))]
+        egos = {"leader": 38.0, "follower": 8.0}
+        worlds = [made(client, street(*one), undriven="stand") for one in egos.items()]  # else they soon end
         process = started(client, example, *worlds)
     else:
         worlds = [made(client, street("ego", 8.0))]
