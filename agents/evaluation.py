@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,9 @@ from dohyo.evaluation.agent import Agent
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.running.executors import ProcessPool
 from dohyo.evaluation.running.run import Result, run_benchmark
-from dohyo.sumo_networks.envs.env_rows import episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.processes import end_unguarded
+from dohyo.sumo_networks.seeds import episode_seeds
 
 
 def evaluate(
@@ -83,10 +83,8 @@ def _check_names(only: object) -> None:
 
 
 def _checked_seeds(seeds: object) -> list[int]:
-    if isinstance(seeds, str) or not isinstance(seeds, Iterable):
-        raise InvalidInputError(f"seeds: expected a list of seeds, got {seeds!r}")
     try:
-        checked = [episode_seed(seed) for seed in seeds]
+        checked = episode_seeds(seeds)
     except InvalidInputError as error:
         raise InvalidInputError(f"seeds: {error}") from error
     if not checked:

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
-from dohyo.agents.gri.driving.weathers import WeathersTask
+from dohyo.agents.gri.driving.varied_conditions import VariedConditionsTask
 from dohyo.agents.gri.experts import DemonstratedTask, expert_policy
 from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import IqnConfig
@@ -38,7 +38,7 @@ from dohyo.agents.learning.tasks.task import Task, check_task
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-DRIVING: Final = {task.name: task for sees in ENCODERS for task in (DrivingTask(sees), WeathersTask(sees))}
+DRIVING: Final = {task.name: task for sees in ENCODERS for task in (DrivingTask(sees), VariedConditionsTask(sees))}
 """Driving tasks by the name of their environment."""
 RECORDED_WITH: Final = 1_000_000
 """Seed of the recordings: all trainings of a study learn from the same demonstrations."""
@@ -49,7 +49,7 @@ class GriRunConfig(OffPolicyRunConfig):
 
     Attributes:
         env: "driving-" and what is seen ("state", "pictures", "affordances", or "classification" and "untrained" of
-            encoders that learned less), in town by GRIAD's choices and reward; with "-weathers" in NoCrash's four
+            encoders that learned less), in town by GRIAD's choices and reward; with "-varied" in NoCrash's four
             conditions of training, otherwise in clear ones. Or a name in gymnasium's registry, or "module:NAME" of one
             that the module registers.
         algorithm: What learns; its settings are the table of that name.

@@ -22,7 +22,7 @@ from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.agents.speed_planning.traffic_state import LaneGrid, fuse
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.envs.env_rows import checked_actions, episode_seed
+from dohyo.sumo_networks.envs.env_rows import checked_actions
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.demand import draw_demand
 from dohyo.sumo_networks.freeway.drivers import CONNECTED, KINDS
@@ -30,6 +30,7 @@ from dohyo.sumo_networks.freeway.measure import PingLog, SegmentFeed
 from dohyo.sumo_networks.freeway.road import load_freeway
 from dohyo.sumo_networks.freeway.simulation import FreewaySimulation
 from dohyo.sumo_networks.freeway.world import FreewayWorld
+from dohyo.sumo_networks.seeds import episode_seed
 
 FORECASTER, PLANNER = "forecaster", "planner"
 HISTORY_MINUTES = 8

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, Cell, Excerpt, ScriptedMission
 from dohyo.sumo_networks.conditions import conditions_named
-from dohyo.sumo_networks.envs.env_rows import episode_seed
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.events import Event
 from dohyo.sumo_networks.events.auto_events import auto_events
@@ -19,12 +18,16 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Scenario
+from dohyo.sumo_networks.seeds import episode_seeds
 from dohyo.sumo_networks.units import KMH_PER_MPS
 
 
 def make_scenarios(benchmark: Benchmark, seeds: Sequence[int]) -> list[Scenario]:
     """See `Benchmark.scenarios`."""
-    seeds = _checked_seeds(benchmark, seeds)
+    try:
+        seeds = episode_seeds(seeds)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     if benchmark.excerpts and seeds != [0]:
         raise InvalidInputError(
             f"the missions of benchmark '{benchmark.name}' have seeds of their own; leave out the seeds"
@@ -32,15 +35,6 @@ def make_scenarios(benchmark: Benchmark, seeds: Sequence[int]) -> list[Scenario]
     if repeated := [seed for seed, times in Counter(seeds).items() if times > 1]:
         raise InvalidInputError(f"benchmark '{benchmark.name}': expected every seed once, got {repeated[0]} again")
     return [scenario for seed in seeds for cell in benchmark.cells for scenario in _scenarios(benchmark, cell, seed)]
-
-
-def _checked_seeds(benchmark: Benchmark, seeds: Sequence[int]) -> list[int]:
-    if isinstance(seeds, str) or not isinstance(seeds, Iterable):
-        raise InvalidInputError(f"benchmark '{benchmark.name}': expected a list of seeds, got {seeds!r}")
-    try:
-        return [episode_seed(seed) for seed in seeds]
-    except InvalidInputError as error:
-        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
 
 
 def _scenarios(benchmark: Benchmark, cell: Cell, seed: int) -> Iterator[Scenario]:

@@ -15,7 +15,6 @@ from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.conditions import conditions_named
 from dohyo.sumo_networks.ego.control import Control, InvalidActionError, make_control
 from dohyo.sumo_networks.ego.pose import WORLD_CONTROLS, Pose, PoseControl
-from dohyo.sumo_networks.envs.env_rows import episode_seed
 from dohyo.sumo_networks.envs.options import (
     DEFAULT_SENSORS,
     RENDERING,
@@ -34,7 +33,7 @@ from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
 from dohyo.sumo_networks.scenario import Scenario
-from dohyo.sumo_networks.seeds import HELD_OUT_FROM
+from dohyo.sumo_networks.seeds import HELD_OUT_FROM, episode_seed
 from dohyo.sumo_networks.sensors import Observation, Sensor, Track, make_sensors
 from dohyo.sumo_networks.simulation import Replay, Simulation, plan_scenario, start_simulation
 from dohyo.sumo_networks.simulation.process import RunsOnce

@@ -17,7 +17,7 @@ from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.shared_memory import Layout
 from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, SimulationError
-from dohyo.sumo_networks.seeds import SEEDS
+from dohyo.sumo_networks.seeds import checked_seed
 
 logger = logging.getLogger(__name__)
 
@@ -177,28 +177,6 @@ def row_seeds(seed: Any, count: int) -> list[int | None]:
     if len(seed) != count:
         raise InvalidInputError(f"expected {count} seeds, got {len(seed)}")
     return [None if one is None else checked_seed(one) for one in seed]
-
-
-def checked_seed(seed: object, below: int | None = None) -> int:
-    """A seed as int, which numpy's whole numbers may give too.
-
-    Raises:
-        InvalidInputError: It is no whole number of at least 0, or not `below` a number.
-    """
-    end = math.inf if below is None else below
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < end:
-        bounds = "of at least 0" if below is None else f"from 0 to {below - 1}"
-        raise InvalidInputError(f"expected a seed, a whole number {bounds}, got {seed!r}")
-    return int(seed)
-
-
-def episode_seed(seed: object) -> int:
-    """The seed of an episode of dohyo's own environments.
-
-    Raises:
-        InvalidInputError: It is no whole number from 0 to 2^31 - 1.
-    """
-    return checked_seed(seed, SEEDS)
 
 
 def row_mask(rows: ArrayLike, count: int) -> BoolArray:

@@ -12,19 +12,12 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray
-from dohyo.sumo_networks.envs.env_rows import (
-    Observations,
-    checked_actions,
-    checked_seed,
-    episode_seed,
-    row_mask,
-    row_seeds,
-)
+from dohyo.sumo_networks.envs.env_rows import Observations, checked_actions, row_mask, row_seeds
 from dohyo.sumo_networks.envs.options import DEFAULT_SENSORS, RENDERING, SensorNames
 from dohyo.sumo_networks.envs.scenario_env import ScenarioSource, scenario_rows
 from dohyo.sumo_networks.envs.worker_process import WorkerDeathError
 from dohyo.sumo_networks.errors import SimulationError
-from dohyo.sumo_networks.seeds import training_seed
+from dohyo.sumo_networks.seeds import checked_seed, episode_seed, training_seed
 
 Step = tuple[Observations, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 

@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.control import InvalidActionError
-from dohyo.sumo_networks.envs.env_rows import checked_actions, episode_seed
+from dohyo.sumo_networks.envs.env_rows import checked_actions
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import Scene
 from dohyo.sumo_networks.parking.limits import MAX_KARTS, most_karts
@@ -21,6 +21,7 @@ from dohyo.sumo_networks.parking.observation import State, action_space, columns
 from dohyo.sumo_networks.parking.picture import draw_picture
 from dohyo.sumo_networks.parking.rules import ALIGNED, Outcome, Rules
 from dohyo.sumo_networks.parking.world import ParkingWorld
+from dohyo.sumo_networks.seeds import episode_seed
 
 Observations = dict[str, Float32Array]
 Infos = dict[str, dict[str, Any]]

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from dohyo.agents.gri.driving.weathers import WEATHERS
+from dohyo.agents.gri.driving.varied_conditions import VARIED
 from dohyo.agents.gri.training import GriRunConfig
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.gymnasium.task import GymnasiumConfig
@@ -104,7 +104,7 @@ PROBLEMS: Final[Mapping[str, Problem]] = MappingProxyType(
             shown=60,
         ),
         "driving-vis-full": Problem(
-            "driving-affordances-weathers",
+            "driving-affordances-varied",
             ("steps=150000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=10"),
             _PICTURES_SIZES,
             None,
@@ -205,12 +205,12 @@ def _driving(problem: str, longer: int) -> dict[str, GriArm]:
     return {f"{problem}-iqn-{name}": arm for name, arm in arms.items()}
 
 
-def _encoders(problem: str, weathers: str = "") -> dict[str, GriArm]:
+def _encoders(problem: str, conditions: str = "") -> dict[str, GriArm]:
     """Row 5: GRIAD on encoders that learned more, less, or nothing; and its algorithm alone on the first of them.
 
     Args:
         problem: Name in `PROBLEMS`.
-        weathers: End of the environments' names where they have several conditions.
+        conditions: End of the environments' names where they have several conditions.
     """
     told = {
         "affordances": "encoder of segmentation and heads",
@@ -219,11 +219,11 @@ def _encoders(problem: str, weathers: str = "") -> dict[str, GriArm]:
     }
     shown = ("p_demo=0.25", "demo_reward=1.0", "unit=steps")
     arms = {
-        f"{problem}-iqn-{name}": GriArm(problem, "iqn", shown, f"GRIAD, {words}", env=f"driving-{name}{weathers}")
+        f"{problem}-iqn-{name}": GriArm(problem, "iqn", shown, f"GRIAD, {words}", env=f"driving-{name}{conditions}")
         for name, words in told.items()
     }
     alone = GriArm(
-        problem, "iqn", ("p_demo=0.0",), f"IQN alone, {told['affordances']}", env=f"driving-affordances{weathers}"
+        problem, "iqn", ("p_demo=0.0",), f"IQN alone, {told['affordances']}", env=f"driving-affordances{conditions}"
     )
     return {f"{problem}-iqn-p0": alone, **arms}
 
@@ -237,7 +237,7 @@ ARMS: Final[Mapping[str, GriArm]] = MappingProxyType(
         **_driving("driving", 26_750),
         **_driving("driving-full", 133_250),
         **_encoders("driving-vis"),
-        **_encoders("driving-vis-full", WEATHERS),
+        **_encoders("driving-vis-full", VARIED),
         **_shares("cheetah-full", "sac", 0, 10, 20, 30, 40, 60),
         **_shares("cheetah-full", "ddpg", 0, 20),
         **_noisy("cheetah-full", 10, 30),

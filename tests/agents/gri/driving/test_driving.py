@@ -11,9 +11,11 @@ import torch
 
 from dohyo.agents.gri.demonstrated_replay import GriConfig
 from dohyo.agents.gri.driving.choices import ACCELERATIONS, STEERING, TABLE, nearest
+from dohyo.agents.gri.driving.missions import draw_mission
 from dohyo.agents.gri.driving.pictures import LATENTS, PICTURES, Pictures
 from dohyo.agents.gri.driving.target_speed import FALL_M, FREE_M_S, STOP_M, target_speed
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
+from dohyo.agents.gri.driving.varied_conditions import VariedConditionsTask, draw_varied
 from dohyo.agents.gri.griad import Griad
 from dohyo.agents.gri.training import GRI, GriRunConfig
 from dohyo.agents.hierarchical.vision.latents import Encoder
@@ -26,6 +28,7 @@ from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.submission import write_submission
 from dohyo.evaluation.agent import Mission
 from dohyo.service.policies.checks import check_policy
+from dohyo.sumo_networks.conditions import TRAIN
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.rendering.labels import Label
@@ -183,3 +186,25 @@ def test_a_service_takes_the_submission_of_pictures_and_it_drives_as_the_agent(t
 def test_the_exact_state_is_no_sensor_of_a_service(trained, tmp_path):
     with pytest.raises(InvalidInputError, match="expected a policy of pictures"):
         write_submission("griad", trained / "best.onnx", tmp_path / "submission.onnx")
+
+
+def test_varied_missions_are_the_same_under_the_four_conditions_of_training_in_turn():
+    drawn = [draw_varied(seed) for seed in range(EMPTY_ROAD, EMPTY_ROAD + 8)]
+    plain = [draw_mission(seed) for seed in range(EMPTY_ROAD, EMPTY_ROAD + 8)]
+    assert [one.missions for one in drawn] == [one.missions for one in plain]
+    assert {one.conditions for one in plain} == {"clear"}
+    assert sorted(one.conditions for one in drawn) == sorted([*TRAIN] * 2)
+
+
+def test_a_varied_task_is_driven_in_its_conditions():
+    settings = read_settings(GriRunConfig, None, ("env=driving-affordances-varied",))
+    assert isinstance(settings.task, VariedConditionsTask)
+    assert settings.task.name == "driving-affordances-varied"
+    rainy = next(seed for seed in range(EMPTY_ROAD, EMPTY_ROAD + 4) if draw_varied(seed).conditions == "heavy-rain")
+    seen = []
+    for task in (settings.task, DrivingTask("affordances")):
+        env = task.make_env(0)
+        seen.append(env.reset(seed=rainy)[0]["affordances"])
+        env.close()
+    assert seen[0].shape == seen[1].shape
+    assert not np.allclose(*seen), "the cameras see rain"

@@ -1,7 +1,6 @@
-"""WeathersTask: the driving task under NoCrash's four conditions of training, dealt out to the missions in turn.
+"""VariedConditionsTask: the driving task under NoCrash's four conditions of training, dealt out to missions in turn.
 
-`DrivingTask` is always clear, which tells nothing apart where the exact state is seen; what is learned from pictures
-of clear days alone drives nowhere else.
+`DrivingTask` is always clear. What has learned from pictures of clear days alone stands in rain.
 """
 
 from __future__ import annotations
@@ -19,34 +18,35 @@ from dohyo.sumo_networks.conditions import TRAIN
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.scenario import Scenario
 
-WEATHERS: Final = "-weathers"
+VARIED: Final = "-varied"
 """End of the task's name."""
 
 
 @dataclass(frozen=True)
-class WeathersTask(DrivingTask):
-    """Missions from seeds, see `draw_in_weather`."""
+class VariedConditionsTask(DrivingTask):
+    """Missions from seeds, see `draw_varied`."""
 
     @property
     def name(self) -> str:
         """See `Task`."""
-        return super().name + WEATHERS
+        return super().name + VARIED
 
     def make_env(self, rank: int) -> Env:
         """See `Task`."""
-        return WeathersEnv(self)
+        return VariedConditionsEnv(self)
 
 
-class WeathersEnv(MissionEnv):
-    """See `WeathersTask`."""
+class VariedConditionsEnv(MissionEnv):
+    """See `VariedConditionsTask`."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Begins the mission of a seed."""
+        # As in `MissionEnv`, whose file is one of the shipped agent's sources and so waits for the next edition.
         self.close()
         sensors = dict.fromkeys((*self._sight.sensors, *Autopilot.spec.sensors))
-        scenario = draw_in_weather(seed or 0)
+        scenario = draw_varied(seed or 0)
         self._driving = DrivingEnv(scenario, tuple(sensors), CONTROL, reward=None)
         observations, _ = self._driving.reset()
         self._seen = observations[EGO]
@@ -55,7 +55,7 @@ class WeathersEnv(MissionEnv):
         return self._sight.encode(self._seen), {}
 
 
-def draw_in_weather(seed: int) -> Scenario:
+def draw_varied(seed: int) -> Scenario:
     """The scenario of an episode: that of `draw_mission` under the conditions whose turn it is.
 
     Raises:
