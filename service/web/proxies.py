@@ -14,12 +14,12 @@ logger = logging.getLogger("dohyo.service")
 
 
 class TrustedProxies:
-    """Believes the headers of trusted proxies only, and logs which other address sends them."""
+    """Believes the headers of trusted proxies only; logs which other address sends them, and which proxy too few."""
 
     def __init__(self, app: ASGIApp, trusted: Collection[str]) -> None:
         # uvicorn's middleware and Starlette's types of ASGI differ in name only.
         self._forwarded = ProxyHeadersMiddleware(app, trusted_hosts=list(trusted))  # type: ignore[arg-type]
-        self._ignored: set[str] = set()
+        self._warned: set[str] = set()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Replaces the client's address and the scheme."""
@@ -28,11 +28,18 @@ class TrustedProxies:
         await self._forwarded(scope, receive, send)  # type: ignore[arg-type]
 
     def _warn(self, scope: Scope) -> None:
+        """Logs once for each address what is wrong with its headers."""
         address = (scope.get("client") or ("",))[0]
-        if address in self._forwarded.trusted_hosts or address in self._ignored or len(self._ignored) >= REMEMBERED:
+        if address in self._warned or len(self._warned) >= REMEMBERED:
             return
-        if any(name == b"x-forwarded-for" for name, _ in scope["headers"]):
-            self._ignored.add(address)
-            logger.warning(
-                "X-Forwarded-For of %s is ignored; if that is your proxy, name it in DOHYO_TRUSTED_PROXIES", address
-            )
+        names = {name for name, _ in scope["headers"]}
+        if b"x-forwarded-for" not in names:
+            return
+        if address not in self._forwarded.trusted_hosts:
+            fault = "X-Forwarded-For of %s is ignored; if that is your proxy, name it in DOHYO_TRUSTED_PROXIES"
+        elif b"x-forwarded-proto" not in names and scope["scheme"] == "http":
+            fault = "the proxy %s sends no X-Forwarded-Proto; if it has TLS, cookies lack Secure until it does"
+        else:
+            return
+        self._warned.add(address)
+        logger.warning(fault, address)

@@ -12,11 +12,16 @@ from pathlib import Path
 import httpx
 import pytest
 from pydantic import ValidationError
+from starlette.testclient import TestClient
 
 from dohyo.service.settings import Settings
 from dohyo.service.web.addresses import client_of
+from dohyo.service.web.proxies import TrustedProxies
+from tests.service.dashboard import fake
 from tests.service.serving import Served, serving
 
+GUIDE = Path(__file__).parents[3] / "docs/organisers/hosting.md"
+SITE = "eval.example.org:8443"
 PER_MINUTE = 30
 PROXY_ADDRESS = "127.0.0.77"
 # A proxy as nginx is one: it appends the client's address to the header, and connects from an address of its own.
@@ -90,6 +95,42 @@ def test_the_header_of_any_other_address_is_ignored_and_the_log_says_so_once(tmp
         warned = [line["message"] for line in served.log if "is ignored" in line["message"]]
         assert [re.search(r"of (\S+) is", one)[1] for one in warned] == ["127.0.0.5", PROXY_ADDRESS]  # type: ignore[index]
         assert all("DOHYO_TRUSTED_PROXIES" in one for one in warned)
+
+
+def told_by_nginx(block: str) -> dict[str, str]:
+    """Headers by which an nginx with these lines passes a request on, from a browser at `SITE`."""
+    passed = re.search(r"^proxy_pass http://(.+);$", block, re.MULTILINE)
+    assert passed is not None
+    variables = {"$http_host": SITE, "$scheme": "https", "$proxy_add_x_forwarded_for": "203.0.113.7"}
+    told = re.findall(r"^proxy_set_header (\S+) (\S+);$", block, re.MULTILINE)
+    return {"host": passed[1]} | {name.lower(): variables[value] for name, value in told}
+
+
+def test_behind_the_nginx_of_the_guide_sign_in_works_and_the_cookie_is_secure() -> None:
+    (block,) = re.findall(r"^```\n(proxy_pass .+?)^```$", GUIDE.read_text(), re.MULTILINE | re.DOTALL)
+    headers = told_by_nginx(block)
+    behind = TrustedProxies(fake.create(), ("127.0.0.1",))
+    browser = TestClient(behind, client=("127.0.0.1", 4000), follow_redirects=False)
+    form = {"token": fake.TOKEN, "next": "/"}
+    signed_in = browser.post("/login", data=form, headers=headers | {"origin": f"https://{SITE}"})
+    assert signed_in.status_code == 303
+    assert "secure" in re.split(r";\s*", signed_in.headers["set-cookie"].lower())
+    assert f"https://{SITE}/v1" in browser.get("/api", headers=headers).text
+    foreign = browser.post("/login", data=form, headers=headers | {"origin": "https://evil.example"})
+    assert foreign.status_code == 403
+
+
+def test_a_trusted_proxy_that_does_not_tell_the_scheme_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    behind = TrustedProxies(fake.create(), ("127.0.0.1",))
+    proxy = TestClient(behind, client=("127.0.0.1", 4000))
+    told = {"x-forwarded-for": "203.0.113.7"}
+    for headers in ({}, told | {"x-forwarded-proto": "https"}, told | {"x-forwarded-proto": "http"}):
+        proxy.get("/login", headers=headers)
+    assert caplog.messages == []
+    for _ in range(2):
+        proxy.get("/login", headers=told)
+    (message,) = caplog.messages
+    assert "127.0.0.1 sends no X-Forwarded-Proto" in message
 
 
 @pytest.mark.parametrize("value", ["*", "proxy.example.org", "10.0.0.0/40"])
