@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[1]
 BUILD = "import setuptools.build_meta as backend, sys; getattr(backend, sys.argv[1])(sys.argv[2])"
 SECTION = re.compile(r"^## \[(?P<version>[^\]]+)\](?P<rest>.*)$", re.MULTILINE)
 DATE = re.compile(r" - \d{4}-\d{2}-\d{2}")
+UNRELEASED = "Unreleased"
 FLOORS = ("sumo_networks", "evaluation", "agents", "service")
 ONLY_IN_THE_REPOSITORY = re.compile(r"\.md$|/results/")
 
@@ -55,16 +56,39 @@ def notes_of(changelog: str, version: str) -> str:
     Raises:
         RefusedError: No such section, no date in its heading, or no line below it.
     """
-    sections = list(SECTION.finditer(changelog))
-    for heading, following in zip(sections, [*sections[1:], None], strict=True):
-        if heading["version"] == version:
-            if not DATE.fullmatch(heading["rest"]):
-                raise RefusedError(f"CHANGELOG.md: expected '## [{version}] - YYYY-MM-DD', got '{heading[0]}'")
-            notes = changelog[heading.end() : following.start() if following else None].strip()
-            if not notes:
-                raise RefusedError(f"CHANGELOG.md: the section [{version}] is empty")
-            return f"{notes}\n"
-    raise RefusedError(f"CHANGELOG.md: no section [{version}]")
+    if version not in (sections := _sections(changelog)):
+        raise RefusedError(f"CHANGELOG.md: no section [{version}]")
+    heading, notes = sections[version]
+    if not DATE.fullmatch(heading["rest"]):
+        raise RefusedError(f"CHANGELOG.md: expected '## [{version}] - YYYY-MM-DD', got '{heading[0]}'")
+    if not notes:
+        raise RefusedError(f"CHANGELOG.md: the section [{version}] is empty")
+    return f"{notes}\n"
+
+
+def require_all_released(changelog: str) -> None:
+    """Checks that no change waits for a version.
+
+    Raises:
+        RefusedError: The section [Unreleased] is not empty.
+    """
+    sections = _sections(changelog)
+    if UNRELEASED in sections and sections[UNRELEASED][1]:
+        raise RefusedError(f"CHANGELOG.md: [{UNRELEASED}] has changes: give them a version and a date")
+
+
+def require_untagged(root: Path, version: str) -> None:
+    """Checks that a version is of no other commit.
+
+    Raises:
+        RefusedError: Its tag exists on another commit.
+    """
+    commits = ["git", "-C", str(root), "rev-parse", "--verify", "--quiet"]
+    tagged = subprocess.run(
+        [*commits, f"refs/tags/v{version}^{{commit}}"], capture_output=True, text=True, check=False
+    ).stdout.strip()
+    if tagged and tagged != _output(*commits, "HEAD").strip():
+        raise RefusedError(f"the tag v{version} is of another commit, {tagged[:12]}: choose a new version")
 
 
 def require_clean(root: Path) -> None:
@@ -155,7 +179,10 @@ def release(root: Path, out: Path | None) -> None:
     """
     require_clean(root)
     version = version_of(root)
-    notes = notes_of((root / "CHANGELOG.md").read_text(encoding="utf-8"), version)
+    changelog = (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    require_all_released(changelog)
+    require_untagged(root, version)
+    notes = notes_of(changelog, version)
     out = out or root / "dist" / version
     require_replaceable(out)
     with tempfile.TemporaryDirectory() as folder:
@@ -170,6 +197,16 @@ def release(root: Path, out: Path | None) -> None:
     print((out / "SHA256SUMS").read_text(encoding="utf-8"), end="")
     tag = f"git tag -a v{version} --cleanup=verbatim -F {out / 'NOTES.md'}"
     print(f"dohyo: {out} has the release; its commit gets the tag by: {tag}")
+
+
+def _sections(changelog: str) -> dict[str, tuple[re.Match[str], str]]:
+    """Heading and text of each version's section."""
+    headings = list(SECTION.finditer(changelog))
+    ends = [*(following.start() for following in headings[1:]), len(changelog)]
+    return {
+        heading["version"]: (heading, changelog[heading.end() : end].strip())
+        for heading, end in zip(headings, ends, strict=True)
+    }
 
 
 def _backend(hook: str, out: Path, source: Path, environment: dict[str, str]) -> None:

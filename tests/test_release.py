@@ -14,8 +14,6 @@ CHANGELOG = """# Changelog
 
 ## [Unreleased]
 
-* Not yet.
-
 ## [0.2.0] - 2027-01-31
 
 ### Service
@@ -58,6 +56,10 @@ def git(folder: Path, *arguments: str) -> None:
     subprocess.run(["git", "-C", str(folder), *arguments], check=True)
 
 
+def tag(repository: Path, name: str) -> None:
+    git(repository, "-c", "user.name=A", "-c", "user.email=a@example.org", "tag", "-am", "A release", name)
+
+
 def refusal(release: ModuleType, repository: Path) -> str:
     """The line of a release that was refused, and left nothing."""
     with pytest.raises(release.RefusedError) as caught:
@@ -95,6 +97,18 @@ def test_two_versions_are_refused(release: ModuleType, repository: Path) -> None
 def test_a_version_that_the_changelog_does_not_have_is_refused(release: ModuleType, repository: Path) -> None:
     commit(repository, "CHANGELOG.md", "## [0.2.0]", "## [0.2.1]")
     assert "CHANGELOG.md: no section [0.2.0]" in refusal(release, repository)
+
+
+def test_changes_without_a_version_are_refused(release: ModuleType, repository: Path) -> None:
+    commit(repository, "CHANGELOG.md", "## [Unreleased]", "## [Unreleased]\n\n### Service\n\n* Not yet.")
+    assert "[Unreleased] has changes" in refusal(release, repository)
+
+
+def test_a_version_of_another_commit_is_refused(release: ModuleType, repository: Path) -> None:
+    tag(repository, "v0.2.0")
+    release.require_untagged(repository, "0.2.0")  # of this commit: a release may be made again
+    commit(repository, "CITATION.cff", "cff-version", "# None.\ncff-version")
+    assert "the tag v0.2.0 is of another commit" in refusal(release, repository)
 
 
 def test_a_folder_with_other_files_is_never_deleted(
