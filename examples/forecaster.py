@@ -13,7 +13,7 @@ import sys
 
 import numpy as np
 
-from dohyo.service.client.worker_session import WorkerSession
+from dohyo.service.client.worker_session import BadActionError, UnreachableError, WireError, WorkerSession
 
 TOWARDS_MEAN = (0.1, 0.2, 0.3)
 """Share of the way from the last speed to the mean, for each minute ahead."""
@@ -31,13 +31,18 @@ def main() -> None:
     left = int(rest[0]) if rest else -1
     with WorkerSession(url, token, agent) as session:
         while left:
-            drive = session.acquire()
-            if drive is None:
+            drive = session.next_drive()  # waits, also for a service that is restarted
+            try:
+                while not drive.done:
+                    session.step(drive, {name: forecast(seen["history"]) for name, seen in drive.observations.items()})
+            except BadActionError:  # a fault of this program
+                raise
+            except (UnreachableError, WireError) as error:  # the episode is lost, such as by a restart
+                print(error, flush=True)
                 continue
-            while not drive.done:
-                session.step(drive, {name: forecast(seen["history"]) for name, seen in drive.observations.items()})
-            print(f"a day until {drive.time_s / 3600:.2f} h", flush=True)
-            left -= 1
+            if drive.directive != "abort":  # neither cancelled nor ended by the service
+                print(f"a day until {drive.time_s / 3600:.2f} h", flush=True)
+                left -= 1
 
 
 if __name__ == "__main__":

@@ -3,9 +3,15 @@ const [url, token, agent] = process.argv.slice(2);
 
 async function post(path, body, bearer) {
   const headers = { authorization: `Bearer ${bearer}`, "content-type": "application/json" };
-  const response = await fetch(url + path, { method: "POST", headers, body: JSON.stringify(body) });
-  if (!response.ok) throw new Error(`${response.status}: ${await response.text()}`);
-  return response.status === 204 ? null : response.json();
+  try {
+    const response = await fetch(url + path, { method: "POST", headers, body: JSON.stringify(body) });
+    const text = await response.text();
+    if (response.ok) return text ? JSON.parse(text) : null;
+    console.error(`${response.status}: ${text}`);
+  } catch (error) {
+    console.error(`no answer from ${url}: ${error.cause?.code ?? error}`);
+  }
+  process.exit(1);
 }
 
 // Target speed [m/s] and steering [-1, 1]: towards the path 8 m ahead, slower in curves.

@@ -17,9 +17,12 @@ connection = kinds[address.scheme](address.netloc, timeout=150)
 def post(path, body, bearer):
     """Sends one request; returns None if the answer is empty."""
     headers = {"Authorization": f"Bearer {bearer}", "Content-Type": "application/json"}
-    connection.request("POST", path, json.dumps(body), headers)
-    response = connection.getresponse()
-    text = response.read()
+    try:
+        connection.request("POST", address.path.rstrip("/") + path, json.dumps(body), headers)
+        response = connection.getresponse()
+        text = response.read()
+    except (OSError, http.client.HTTPException) as error:
+        sys.exit(f"no answer from {url}: {error!r}")
     if response.status >= 400:
         sys.exit(f"{response.status}: {text.decode()}")
     return json.loads(text) if text else None

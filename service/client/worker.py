@@ -33,11 +33,9 @@ from dohyo.service.client.worker_session import (
     Drive,
     LeaseLostError,
     Pauses,
-    UnknownWorkerError,
     UnreachableError,
     WireError,
     WorkerSession,
-    passes,
 )
 from dohyo.service.forecasting.interface import forecast_shape
 from dohyo.service.forecasting.worker_agent import Predictor
@@ -54,7 +52,6 @@ GIVE_BACK_S = 10.0  # the time in which a process that is told to stop insists o
 END_S = 30.0  # from the stop signal until a process that has not ended is killed
 TALLY = "DOHYO_WORKER_TALLY"  # variable with the path of a process's tally
 INVALID_ACTION = "invalid_action"
-FULL = 409  # the service has not noticed yet that this worker holds no episode any more
 
 logger = logging.getLogger("dohyo.worker")
 
@@ -132,28 +129,16 @@ def work(session: WorkerSession, driver: Driver, episodes: int | None = None, ta
         WireError: The service refuses this worker for good.
         InvalidInputError: The agent differs from the submitted one.
     """
-    pauses, driven = Pauses(), 0
+    driven = 0
     with suppress(_Stop), _stopping():
         driver.warm_up()  # before a lease, since the service waits a limited time for the first decision
     with suppress(_Stop), _stopping(), session:
         while episodes is None or driven < episodes:
-            try:
-                drive = session.acquire()
-                pauses.reset()
-            except (UnreachableError, WireError) as error:
-                registers_again = isinstance(error, UnknownWorkerError)
-                full = isinstance(error, WireError) and error.status == FULL
-                if not (passes(error) or registers_again or full):
-                    raise
-                logger.warning("%s", error)
-                time.sleep(pauses.next(error))
-                continue
-            if drive is not None:
-                drive_episode(session, driver, drive)
-                driven += 1
-                if tally is not None:
-                    with tally.open("ab") as file:
-                        file.write(b".")
+            drive_episode(session, driver, session.next_drive())
+            driven += 1
+            if tally is not None:
+                with tally.open("ab") as file:
+                    file.write(b".")
 
 
 def drive_episode(session: WorkerSession, driver: Driver, drive: Drive) -> None:

@@ -1,11 +1,11 @@
 """WorkerSession: a policy worker's side of the wire, over one kept connection, in msgpack.
 
-A worker is a loop::
+A worker is a loop, as in examples/planner.py::
 
     with WorkerSession("http://127.0.0.1:8000", token, "my-agent") as session:
         while True:
-            drive = session.acquire()
-            while drive is not None and not drive.done:
+            drive = session.next_drive()
+            while not drive.done:
                 session.step(drive, {ego: decide(seen) for ego, seen in drive.observations.items()})
 
 A step may be sent again after any failure of the network; the server answers the same tick with the same reply.
@@ -13,6 +13,7 @@ A step may be sent again after any failure of the network; the server answers th
 
 from __future__ import annotations
 
+import logging
 import ssl
 import threading
 import time
@@ -39,9 +40,12 @@ IDLE_S = 30.0  # well below the time after which the service closes a connection
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 5.0
 LONGEST_TEXT = 500
 NO_CONTENT = 204
+FULL = 409  # the service has not noticed yet that this worker holds no episode any more
 PASSING = (429, 500, 502, 503, 504)
 """Refusals that end by themselves; a proxy answers with 502 or 504 while the service behind it restarts."""
 UNTOLD = {"start": {"lane": "untold"}, "goal": {"lane": "untold"}}
+
+logger = logging.getLogger("dohyo.worker")
 
 
 class WireError(DohyoError):
@@ -329,6 +333,27 @@ class WorkerSession:
             raise
         self.heard = time.monotonic()
         return Drive.given(answer) if answer is not None else None
+
+    def next_drive(self) -> Drive:
+        """Waits for an episode for as long as it takes, and registers again after a restart of the service.
+
+        Raises:
+            WireError: The service refuses this worker for good.
+        """
+        pauses = Pauses()
+        while True:
+            try:
+                drive = self.acquire()
+            except (UnreachableError, WireError) as error:
+                full = isinstance(error, WireError) and error.status == FULL
+                if not (passes(error) or full or isinstance(error, UnknownWorkerError)):
+                    raise
+                logger.warning("%s", error)
+                time.sleep(pauses.next(error))
+                continue
+            if drive is not None:
+                return drive
+            pauses.reset()
 
     def step(self, drive: Drive, actions: Mapping[str, Any]) -> None:
         """Sends the decisions of all egos and updates the drive with the answer.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import runpy
+import shutil
 import signal
 import socket
 import subprocess
@@ -11,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -20,7 +23,7 @@ from dohyo.evaluation.agent import Agent
 from dohyo.service.cli.commands import worker as command
 from dohyo.service.client import worker, worker_session
 from dohyo.service.client.worker import Driver, keep_working, shares, work
-from dohyo.service.client.worker_session import Drive, LeaseLostError, WireError, WorkerSession
+from dohyo.service.client.worker_session import BadActionError, Drive, LeaseLostError, WireError, WorkerSession
 from tests.service.client.scripted import BROKEN, Answer, Script, serving
 from tests.service.served import ROOT, STEADY
 
@@ -41,6 +44,7 @@ GRANTED = Answer(
 )
 DONE = Answer({"tick": 1, "time_s": 0.1, "observations": {}, "done": True, "missed": 0, "directive": "run"})
 GONE = Answer({"detail": "lease lost: given back"}, 410)
+ABORTED = Answer({"tick": 1, "time_s": 0.1, "observations": {}, "done": True, "missed": 0, "directive": "abort"})
 AWAY = [Answer({}, status) for status in (500, 502, 503, 504)]
 
 
@@ -197,9 +201,81 @@ def test_a_process_that_starts_while_the_service_is_away_is_started_again(script
     assert ended.value.exit_code not in (0, worker.REFUSED)
 
 
+PLANS = {"planner": {"speeds": [[20.0, 30.0], [25.0, 30.0]]}}
+FORECASTS = {"forecaster": {"history": [[20.0 + minute, 30.0] for minute in range(8)]}}
+
+
+@pytest.mark.parametrize(
+    ("name", "observations", "shape", "told"),
+    [("planner", PLANS, [2, 2], "0.00 h\n" * 4), ("forecaster", FORECASTS, [3, 2], "a day until 0.00 h\n" * 2)],
+)
+def test_an_example_outlives_a_restart_and_counts_what_is_done(
+    name: str,
+    observations: dict[str, Any],
+    shape: list[int],
+    told: str,
+    script: Script,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    granted = Answer(GRANTED.body | {"observations": observations})  # type: ignore[operator]
+    under_way = Answer(DONE.body | {"observations": observations, "done": False})  # type: ignore[operator]
+    unknown = Answer({"detail": "unknown token"}, 401)
+    script.answers += [REGISTERED, BROKEN, AWAY[2], unknown, REGISTERED, Answer("", 204)]
+    script.answers += [granted, ABORTED, granted, GONE, granted, under_way, BROKEN, unknown, REGISTERED]
+    script.answers += [granted, DONE, granted, DONE]
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", script.url, "secret", "mine", "2"])
+    runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name="__main__")
+    said = capsys.readouterr().out
+    assert [line for line in said.splitlines(keepends=True) if "HTTP" not in line] == told.splitlines(keepends=True)
+    steps = [body for (request, _), body in zip(script.asked, script.bodies, strict=True) if "/step" in request]
+    assert msgspec.msgpack.decode(steps[0])["actions"][name]["shape"] == shape
+
+
+def test_an_example_whose_decision_is_refused_ends(script: Script, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = Answer({"detail": "expected target speeds of 0 to 45 m/s"}, 422)
+    script.answers += [REGISTERED, Answer(GRANTED.body | {"observations": PLANS}), refused]  # type: ignore[operator]
+    monkeypatch.setattr(sys, "argv", ["planner.py", script.url, "secret", "mine"])
+    with pytest.raises(BadActionError, match="expected target speeds"):
+        runpy.run_path(str(ROOT / "examples" / "planner.py"), run_name="__main__")
+
+
 def example(url: str) -> subprocess.Popen[str]:
     arguments = [sys.executable, "-S", "examples/worker_stdlib.py", url, "secret", "mine"]
     return subprocess.Popen(arguments, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+
+
+NODE = shutil.which("node")
+PLAIN = [
+    pytest.param([sys.executable, "-S", "examples/worker_stdlib.py"], id="python"),
+    pytest.param(
+        [NODE or "node", "examples/worker.mjs"], id="node", marks=pytest.mark.skipif(not NODE, reason="no node")
+    ),
+]
+
+
+@pytest.mark.parametrize("command", PLAIN)
+@pytest.mark.parametrize("last", [BROKEN, Answer({"detail": "the service is about to end"}, 503)])
+def test_a_plain_example_ends_with_one_line_when_the_service_does(
+    command: list[str], last: Answer, script: Script
+) -> None:
+    script.answers += [REGISTERED, last]
+    done = subprocess.run(
+        [*command, script.url, "secret", "mine"], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"no answer from {script.url}: " if last is BROKEN else "503: ")
+
+
+def test_the_example_keeps_the_path_of_its_address(script: Script) -> None:
+    script.answers += [REGISTERED, Answer({}, 503)]
+    with example(f"{script.url}/dohyo/") as process:
+        process.communicate(timeout=60)
+    assert [asked for asked, _ in script.asked] == [
+        "POST /dohyo/v1/workers",
+        "POST /dohyo/v1/workers/w-1/acquire?wait=20",
+    ]
 
 
 @pytest.mark.parametrize("url", ["ftp://127.0.0.1", "127.0.0.1:8000", "https://"])
