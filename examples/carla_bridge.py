@@ -6,7 +6,8 @@ The vehicle of role "hero" in CARLA is the ego. CARLA's other vehicles and walke
 SUMO's traffic yields. All others of the world are shown in CARLA as vehicles without physics.
 
 Both need the same roads: a network made from CARLA's map, such as with netconvert --opendrive. CARLA's frame is
-left-handed: its y and yaw have the opposite sign. An offset of the network is subtracted (netOffset in its file).
+left-handed: its y and yaw have the opposite sign. The network's offset, which netconvert adds to the coordinates of its
+source, is taken into account; the service tells it.
 
 It is written for the Python API of CARLA 0.9.15 as documented, and has been run with a stand-in only, never with CARLA.
 """
@@ -17,7 +18,7 @@ import math
 import sys
 from typing import Any
 
-from world_worker import leave, post
+from world_worker import get, leave, post
 
 Row = dict[str, Any]
 TICK_S = 0.1
@@ -32,6 +33,13 @@ BLUEPRINTS = {
     "emergency": "vehicle.ford.ambulance",
     "pedestrian": "walker.pedestrian.0001",
 }
+
+
+def offset_of(server: str, token: str, world: str) -> tuple[float, float]:
+    """x, y of the origin of CARLA's map in the network of a world, m."""
+    network = get(f"{server}/v1/worlds/{world}", token)["network"]
+    x, y = get(f"{server}/v1/networks/{network}", token)["net_offset"]
+    return x, y
 
 
 class Frames:
@@ -68,7 +76,7 @@ class Frames:
 class Bridge:
     """CARLA in synchronous mode, with the others of the world as vehicles without physics."""
 
-    def __init__(self, carla: Any, client: Any, offset_m: tuple[float, float] = (0.0, 0.0)) -> None:
+    def __init__(self, carla: Any, client: Any, offset_m: tuple[float, float]) -> None:
         self.world, self.frames = client.get_world(), Frames(carla, offset_m)
         self.ground = self.world.get_map()
         self.before = self.world.get_settings()
@@ -146,7 +154,7 @@ def main() -> None:
     host, port = address or ("127.0.0.1", "2000")
     client = carla.Client(host, int(port))
     client.set_timeout(20.0)
-    bridge = Bridge(carla, client)
+    bridge = Bridge(carla, client, offset_of(server, token, world))
     try:
         couple(bridge, server, token, world, ego)
     finally:

@@ -20,10 +20,19 @@ PATIENCE_S = 120.0
 
 
 def post(url: str, token: str, document: dict[str, Any]) -> dict[str, Any]:
-    """Posts a document and returns the answer; sends it again while the service answers "not now"."""
+    """Posts a document and returns the answer."""
     headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    return _answer(urllib.request.Request(url, json.dumps(document).encode(), headers))
+
+
+def get(url: str, token: str) -> dict[str, Any]:
+    """Reads a document."""
+    return _answer(urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"}))
+
+
+def _answer(request: urllib.request.Request) -> dict[str, Any]:
+    """The answer to a request, which is sent again while the service answers "not now"."""
     while True:
-        request = urllib.request.Request(url, json.dumps(document).encode(), headers)
         try:
             with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
                 return dict(json.load(answer))

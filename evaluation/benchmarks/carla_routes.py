@@ -7,7 +7,6 @@ files of NoCrash and CoRL 2017 with an `<ego_vehicle>` around the waypoints.
 
 from __future__ import annotations
 
-import gzip
 import re
 import tempfile
 import xml.etree.ElementTree as ET
@@ -28,6 +27,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.faults import describe_fault
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.projection import read_offset
 from dohyo.sumo_networks.networks.xml_guard import scan
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place, Traffic
@@ -200,12 +200,10 @@ def net_offset(network: RoadNetwork) -> tuple[float, float]:
     Raises:
         InvalidInputError: The net has no offset.
     """
-    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
-        head = file.read(1 << 18)
-    match = re.search(rb'<location\b[^>]*\bnetOffset="(-?[\d.]+),(-?[\d.]+)"', head)
-    if not match:
+    offset = read_offset(network.path)
+    if offset is None:
         raise InvalidInputError(f"network '{network.name}': its net has no <location netOffset>")
-    return float(match[1]), float(match[2])
+    return offset
 
 
 def _route(element: ET.Element, number: int) -> CarlaRoute:

@@ -11,6 +11,7 @@ from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.entries import builtin_names, check_name, network_entry, network_names, network_path
 from dohyo.sumo_networks.networks.inspection import network_size
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.projection import read_offset
 
 UPLOADED = 100
 
@@ -79,4 +80,5 @@ def _viewed(name: str, _inode: int, _mtime_ns: int, _size: int) -> NetworkView:
         guessed=list(entry.guessed),
         **network_size(network).model_dump(),
         bounds=[round(value, 2) for value in network.bounds],
+        net_offset=[*(read_offset(network.path) or (0.0, 0.0))],
     )

@@ -27,3 +27,11 @@ class NetworkView(View):
     lights: int
     crossings: int
     bounds: Annotated[list[float], Field(description="x0, y0, x1, y1 in metres.", min_length=4, max_length=4)]
+    net_offset: Annotated[
+        list[float],
+        Field(
+            description="x, y in metres that were added to the coordinates of its source (netOffset of a SUMO net).",
+            min_length=2,
+            max_length=2,
+        ),
+    ]

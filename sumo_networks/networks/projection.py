@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import xml.parsers.expat
 import zlib
 from dataclasses import dataclass
@@ -74,20 +75,44 @@ def read_projection(path: Path) -> Projection:
         raise InvalidInputError(f"cannot read the location of network file '{path}': {error}") from error
 
 
+def read_offset(path: Path) -> tuple[float, float] | None:
+    """x, y that were added to the coordinates of a SUMO net's source, m; None without a <location>.
+
+    Raises:
+        InvalidInputError: The file or its <location> cannot be read.
+    """
+    try:
+        with _opened(path) as file:
+            location = _read_location(file)
+        return _offset(location) if location else None
+    except (OSError, EOFError, ValueError, zlib.error, xml.parsers.expat.ExpatError) as error:
+        raise InvalidInputError(f"cannot read the location of network file '{path}': {error}") from error
+
+
 @lru_cache(maxsize=64)
 def _read_projection(path: Path, changed_ns: int, size: int) -> Projection:
     """See `read_projection`; a file that changes is read again."""
-    with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
+    with _opened(path) as file:
         location = _read_location(file)
     parameters = " ".join(location.get("projParameter", "").split())
     if parameters in UNPLACED:
         return Projection()
-    x, y, *_ = (float(metres) for metres in location.get("netOffset", "0,0").split(","))
     try:
         _projected(parameters)
     except ProjError as error:
         raise ValueError(f"expected a projection that PROJ knows, got '{parameters}'") from error
-    return Projection(parameters, (x, y))
+    return Projection(parameters, _offset(location))
+
+
+def _opened(path: Path) -> BufferedIOBase:
+    return gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
+
+
+def _offset(location: dict[str, str]) -> tuple[float, float]:
+    x, y, *_ = (float(metres) for metres in location.get("netOffset", "0,0").split(","))
+    if not math.isfinite(x + y):
+        raise ValueError(f"expected a finite netOffset, got {x}, {y}")
+    return x, y
 
 
 def _read_location(file: BufferedIOBase) -> dict[str, str]:

@@ -79,6 +79,16 @@ def test_a_name_that_was_given_to_another_network_shows_the_new_one(service: Har
     assert seen[0]["sha256"] != seen[1]["sha256"]
 
 
+def test_the_offset_of_a_network_from_its_source_is_told(service: Harness) -> None:
+    folder = service.services.settings.data / "networks" / "town"
+    folder.mkdir(parents=True)
+    (folder / "network.toml").write_text('title = "Town"\nsource = "made"\nlicence = "CC0"\nfile = "town.net.xml"\n')
+    offset = b"netOffset = '1.5e3,-20.25'"
+    (folder / "town.net.xml").write_bytes(PLAIN.replace(b'netOffset="0.00,0.00"', offset))
+    assert service.client.get("/v1/networks/town").json()["net_offset"] == [1500.0, -20.25]
+    assert service.client.get("/v1/networks/ingolstadt").json()["net_offset"] == [-672401.23, -5399632.08]
+
+
 def test_a_path_is_no_name(service: Harness) -> None:
     inside = str(network_path("ingolstadt")).replace("/", "%2F")
     for name in (inside, "..%2Fingolstadt", "ingolstadt.net.xml", "%00"):

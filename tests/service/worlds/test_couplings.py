@@ -133,7 +133,8 @@ def test_the_bridge_to_carla_with_a_stand_in(client: Client, monkeypatch: pytest
 
     carla = fake_carla.Client()
     yaw = -math.degrees(hero["heading_rad"])
-    offset = (1000.0, -500.0)
+    offset = carla_bridge.offset_of(client.url, client.token, world)
+    assert offset == (-672401.23, -5399632.08)  # netOffset in the file of Ingolstadt
 
     def place(metres: float, left: float = 0.0) -> fake_carla.Transform:
         x = hero["x_m"] + metres * math.cos(hero["heading_rad"]) - left * math.sin(hero["heading_rad"])
