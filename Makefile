@@ -7,11 +7,13 @@ BIN := $(VENV)/bin
 PACKAGES := $(VENV)/.packages
 INSTALLED := $(VENV)/.installed
 EXTRAS ?= dev
+# A stamp without words is of an older Makefile, whose extras were `dev` at least.
+HAS := $(if $(wildcard $(PACKAGES)),$(or $(shell cat $(PACKAGES)),dev))
 RESULTS := out/quickstart
 SYSTEM_PACKAGES := libgl1 libx11-6 libxext6 libxrender1 libatomic1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench docs picture image release clean
+.PHONY: help setup demo test lint bench docs picture image release clean further-extras
 .DELETE_ON_ERROR:
 
 help:  ## List the targets
@@ -57,14 +59,15 @@ clean:  ## Remove the virtual environment, the report and caches; results in out
 		.hypothesis .import_linter_cache
 	@find agents evaluation examples service sumo_networks tests -name __pycache__ -prune -exec rm -rf {} +
 
-# The stamps are younger than pyproject.toml exactly when what it asks for is installed.
+# The stamps are younger than pyproject.toml exactly when what it asks for is installed; the first one holds the extras.
+# Further extras are added to those: without them, `make test` leaves all as it is.
 $(INSTALLED): $(PACKAGES)
 	@$(BIN)/python -c 'import libsumo' || \
 		{ echo "dohyo: libsumo cannot be loaded (Debian: apt-get install $(SYSTEM_PACKAGES))" >&2; exit 2; }
 	@$(BIN)/python -m dohyo.sumo_networks.networks.catalog
 	@touch $@
 
-$(PACKAGES): pyproject.toml
+$(PACKAGES): pyproject.toml $(if $(filter-out $(HAS),$(EXTRAS)),further-extras)
 	@command -v $(PYTHON) >/dev/null || \
 		{ echo "dohyo: no '$(PYTHON)' here; expected Python 3.11 or newer (make PYTHON=... $(MAKECMDGOALS))" >&2; exit 2; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -73,5 +76,7 @@ $(PACKAGES): pyproject.toml
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 		{ echo "dohyo: '$(PYTHON)' has no venv module (Debian: apt-get install python3-venv)" >&2; exit 2; }
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	@$(BIN)/python .ci/install.py $(EXTRAS)
-	@touch $@
+	@$(BIN)/python .ci/install.py $(sort $(HAS) $(EXTRAS))
+	@echo $(sort $(HAS) $(EXTRAS)) >$@
+
+further-extras:

@@ -1,9 +1,12 @@
-"""Which torch `make setup` takes: decided by a GPU, and by whether an index answers."""
+"""Which torch `make setup` takes, decided by a GPU and by whether an index answers; and which extras, and when."""
 
 from __future__ import annotations
 
 import importlib.util
+import os
+import shutil
 import socket
+import subprocess
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -12,7 +15,12 @@ from types import ModuleType
 
 import pytest
 
-FILE = Path(__file__).parents[1] / ".ci" / "install.py"
+ROOT = Path(__file__).parents[1]
+FILE = ROOT / ".ci" / "install.py"
+# A Python that notes what it is to install, and does nothing.
+PYTHON = """#!/bin/sh
+case "$1" in .ci/install.py) shift; echo "$@" >>installed;; esac
+"""
 
 
 @pytest.fixture
@@ -74,3 +82,42 @@ def test_with_a_gpu_pip_decides(install: ModuleType, index: str, monkeypatch: py
     environment, told = install.plan({}, f"{index}/cpu")
     assert environment == {}
     assert "for the GPU" in told
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout whose Python installs nothing."""
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(PYTHON)
+    python.chmod(0o755)
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / "pyproject.toml").touch()
+    os.utime(tmp_path / "pyproject.toml", (0, 0))
+    return tmp_path
+
+
+def set_up(checkout: Path, *variables: str) -> list[str]:
+    """What `make setup` installs, a line for each time."""
+    (checkout / "installed").write_text("")
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("MAKE") and key != "EXTRAS"}
+    command = ["make", "setup", "PYTHON=.venv/bin/python", *variables]
+    subprocess.run(command, cwd=checkout, env=environment, check=True)
+    return (checkout / "installed").read_text().splitlines()
+
+
+def test_further_extras_are_installed_once_beside_those_that_are_there(checkout: Path) -> None:
+    assert set_up(checkout) == ["dev"]
+    assert set_up(checkout) == []
+    assert set_up(checkout, "EXTRAS=dev cluster") == ["cluster dev"]
+    assert set_up(checkout, "EXTRAS=dev cluster") == []
+    assert set_up(checkout) == []
+    (checkout / "pyproject.toml").touch()
+    os.utime(checkout / ".venv/.packages", (0, 0))
+    assert set_up(checkout) == ["cluster dev"]
+
+
+def test_a_checkout_of_an_older_makefile_is_not_installed_again(checkout: Path) -> None:
+    (checkout / ".venv/.packages").touch()
+    assert set_up(checkout) == []
+    assert set_up(checkout, "EXTRAS=dev cluster") == ["cluster dev"]
