@@ -8,13 +8,15 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
 
 from dohyo.evaluation.parking.benchmark import LOT, ParkingBenchmark
 from dohyo.evaluation.parking.motion import read_motion_file, write_motion_file
 from dohyo.evaluation.parking.record import ParkingRecord, check_alike, parse_record
 from dohyo.evaluation.records.foreign_files import read_limited
-from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, ResultManifest
+from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, ResultManifest, parse_manifest
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
@@ -96,6 +98,27 @@ def read_lot_motions(folder: Path, records: Sequence[ParkingRecord]) -> dict[int
 
 
 class LotsManifest(ResultManifest):
-    """Description of a result folder of lots."""
+    """Description of a result folder of lots.
+
+    Attributes:
+        seeds: Seeds of the lots that were ordered; None: unknown, in folders of before.
+    """
 
     benchmark: ParkingBenchmark
+    seeds: Annotated[tuple[int, ...] | None, Field(exclude_if=lambda seeds: seeds is None)] = None
+
+
+def part_of_lots(folder: Path, records: Sequence[ParkingRecord]) -> str:
+    """What is there of the lots that were ordered, in words for people; "" if all are, or nobody knows.
+
+    Args:
+        folder: Folder of fetched lots.
+        records: Records in it.
+
+    Raises:
+        InvalidInputError: Its manifest is none.
+    """
+    content = read_limited(folder / MANIFEST, "a manifest", LARGEST_BYTES)
+    manifest = parse_manifest(content, str(folder / MANIFEST), LotsManifest)
+    done, ordered = len(records), len({*(manifest.seeds or ()), *(record.seed for record in records)})
+    return f"part of {manifest.benchmark.name}: {done} of {ordered} lots" if done < ordered else ""

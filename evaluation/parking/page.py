@@ -33,11 +33,13 @@ class Evaluated:
         name: Unique name on the page.
         records: Its records.
         motions: Motion of the lots in `shown_records`, by seed; empty: there are no plan views.
+        part: What is there of the lots that were ordered, in words for people; "" if all are.
     """
 
     name: str
     records: Sequence[ParkingRecord]
     motions: Motions
+    part: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,7 @@ def _page(evaluated: Sequence[Evaluated]) -> str:
             ("karts in a lot", str(first.benchmark.karts)),
             ("dohyo", dohyo_versions(record for one in evaluated for record in one.records)),
         ],
+        parts=[(one.name, one.part) for one in evaluated if one.part],
         mixed_versions=mixed_versions(evaluated),
         results=results,
         measures=MEASURES,

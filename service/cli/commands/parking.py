@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import typer
 from dohyo.agents.registry import kind_of, resolve
 from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
-from dohyo.evaluation.parking.lot_files import is_lots_folder, read_lot_motions, read_lots
+from dohyo.evaluation.parking.lot_files import is_lots_folder, part_of_lots, read_lot_motions, read_lots
 from dohyo.evaluation.parking.motion import read_motion
 from dohyo.evaluation.parking.page import (
     Evaluated,
@@ -25,7 +26,7 @@ from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
 from dohyo.service.cli.by_agent import names_in_report
 from dohyo.service.cli.failures import end_parking
-from dohyo.service.cli.output import console, interval, print_json, print_rows
+from dohyo.service.cli.output import console, interval, print_json, print_part, print_rows
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.cli.trust import check_trusted
 from dohyo.service.parking.interface import POLICY as PARKER
@@ -33,6 +34,8 @@ from dohyo.service.policies.agent import NAME as ONNX
 from dohyo.sumo_networks.processes import usable_processors
 
 DIFFERS = 1
+REASONS = 5
+"""Most reasons of failures in one line."""
 
 
 def evaluate_on_parking(
@@ -67,7 +70,7 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
         InvalidInputError: A folder holds no evaluation of parking or comes twice, or they are on different benchmarks.
     """
     found = [_evaluation_in(folder) for folder in folders]
-    names = names_in_report([records[0].agent for records, _ in found], [[folder] for folder in folders])
+    names = names_in_report([records[0].agent for records, _, _ in found], [[folder] for folder in folders])
     evaluated = [Evaluated(name, *one) for name, one in zip(names, found, strict=True)]
     path = write_parking_page(out, evaluated)
     _print({one.name: one.records for one in evaluated})
@@ -79,16 +82,19 @@ def report_parking(folders: Sequence[Path], out: Path) -> None:
             f"{first} {comparison.verdict} {second}: success differs by {interval(comparison.difference)} points on "
             f"{comparison.difference.n} common lot{'s' * (comparison.difference.n != 1)}"
         )
+    for one in evaluated:
+        print_part(one.part, f"{one.name}: ")
     if mixed := mixed_versions(evaluated):
         console.print(f"take care: {mixed}", highlight=False)
     console.print(f"report: {path.resolve()}")
 
 
-def _evaluation_in(folder: Path) -> tuple[Sequence[ParkingRecord], Motions]:
-    """Records of an evaluation, and the motion of the lots that a report shows."""
+def _evaluation_in(folder: Path) -> tuple[Sequence[ParkingRecord], Motions, str]:
+    """Records of an evaluation, the motion of the lots that a report shows, and its part of what was ordered."""
     fetched = is_lots_folder(folder)
     records = read_lots(folder) if fetched else read_records(folder / RECORDS)
-    return records, (read_lot_motions if fetched else read_motion)(folder, shown_records(records))
+    motions = (read_lot_motions if fetched else read_motion)(folder, shown_records(records))
+    return records, motions, part_of_lots(folder, records) if fetched else ""  # local ones are written once complete
 
 
 def verify_parking(path: Path, trust: bool, as_json: bool, deadline_s: float) -> None:
@@ -151,6 +157,17 @@ def _print(evaluated: Mapping[str, Sequence[ParkingRecord]]) -> None:
         [(name, *(interval(result.estimates[one.key]) for one in MEASURES)) for name, result in results.items()],
     )
     for name, records in evaluated.items():
-        failures = [one.failure for record in records for one in record.karts if one.failure]
+        failures = Counter(one.failure for record in records for one in record.karts if one.failure)
         if failures:
-            console.print(f"{name} failed in {len(failures)} karts: {failures[0]}", highlight=False)
+            console.print(f"{name} failed in {_karts(failures.total())}: {_reasons(failures)}", highlight=False)
+
+
+def _reasons(failures: Counter[str]) -> str:
+    """Reasons with their counts, the most frequent first; the rest counted together."""
+    told = [why if len(failures) == 1 else f"{why} ({count})" for why, count in failures.most_common(REASONS)]
+    rest = failures.total() - sum(count for _, count in failures.most_common(REASONS))
+    return "; ".join(told + [f"others ({rest})"] * (rest > 0))
+
+
+def _karts(number: int) -> str:
+    return f"{number} kart{'s' * (number != 1)}"

@@ -5,11 +5,17 @@ from __future__ import annotations
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from dohyo.agents.registry import describe_agent
+from dohyo.evaluation.parking.benchmark import load_parking_benchmark
+from dohyo.evaluation.parking.lot_files import LotsManifest, write_lot
 from dohyo.evaluation.parking.record import read_records, write_records
+from dohyo.evaluation.parking.running import Order, drive_here
 from dohyo.service.cli import main
 
 AGENT = ("--agent", "tests.evaluation.parking.parkers:Greedy")
@@ -115,6 +121,29 @@ def test_a_report_of_several_versions_says_so(
     assert dohyo(monkeypatch, "report", out, old, "--out", page) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("take care: different")]
     assert line.endswith(f"greedy (out): dohyo {records[0].version}; greedy (old): dohyo 0.9.0")
+
+
+def test_a_report_of_an_unfinished_run_says_so_and_counts_each_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three of four lots that were ordered at a service are there; agents failed in two ways."""
+    entry, benchmark = "tests.evaluation.parking.parkers:Broken", load_parking_benchmark("parking-simple")
+    info, folder, page = describe_agent(entry, {}), tmp_path / "fetched", tmp_path / "page.html"
+    for drive in drive_here(Order(benchmark, info, {}, 10.0), [0, 1, 2]):
+        seed, (kart,) = drive.record.seed, drive.record.karts
+        told = drive.record.model_copy(
+            update={"karts": (kart.model_copy(update={"failure": "too late" if seed == 1 else "no way"}),)}
+        )
+        write_lot(folder / "records", f"lot-s{seed}", replace(drive, record=told.sealed()))
+    facts: dict[str, Any] = {"agent": info, "benchmark": benchmark, "benchmark_sha256": benchmark.sha256}
+    for seeds, part in ((range(4), "part of parking-simple: 3 of 4 lots"), (range(3), ""), (None, "")):
+        manifest = LotsManifest(**facts, seeds=None if seeds is None else tuple(seeds))
+        (folder / "evaluation.json").write_text(manifest.model_dump_json())
+        assert dohyo(monkeypatch, "report", folder, "--out", page) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert "greedy failed in 3 karts: no way (2); too late (1)" in said
+        assert (f"greedy: {part}; the scores are not those of the benchmark" in said) == bool(part)
+        assert (f"<b>greedy</b>: {part}. Its scores are not those of the benchmark." in page.read_text()) == bool(part)
 
 
 def test_the_registered_agents_park_and_are_verified_without_trust(
