@@ -11,6 +11,7 @@ from dohyo.evaluation.significance import FEWEST
 from dohyo.service.benchmarks.catalog import AnyBenchmark, family_of
 from dohyo.service.challenges.orders import PhaseOrder
 from dohyo.service.errors import BodyError
+from dohyo.service.evaluations.orders import check_slow_policy
 from dohyo.service.forecasting.interface import TRACK as FORECASTERS
 from dohyo.service.freeway.planner import TRACK as PLANNERS
 from dohyo.service.parking.interface import TRACK as PARKERS
@@ -25,6 +26,8 @@ TRACKS: Final[Mapping[Family, tuple[str, ...]]] = {
 
 def check_phase(order: PhaseOrder, benchmark: AnyBenchmark, seeds: Sequence[int]) -> None:
     """Refuses a phase whose board could not tell agents apart, whose seeds are known, or that nobody could enter.
+
+    Nor may a simulation run on without its agent where records do not tell of it.
 
     Args:
         order: The phase.
@@ -44,6 +47,7 @@ def check_phase(order: PhaseOrder, benchmark: AnyBenchmark, seeds: Sequence[int]
     if order.secret and (public := sorted(set(order.seeds or ()) & set(benchmark.seeds))):
         known = ", ".join(map(str, public[:10]))
         raise BodyError("seeds", f"expected none of the benchmark's own seeds in a secret phase, got {known}")
+    check_slow_policy(order.slow_policy, benchmark)
     tracks = TRACKS.get(family_of(benchmark))
     if order.track is not None and tracks is not None and order.track not in tracks:
         expected = " or ".join(f"'{one}'" for one in tracks)

@@ -8,8 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from sqlalchemy.orm import Session
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
+from dohyo.evaluation.families import Family
 from dohyo.service.accounts.access import Caller
-from dohyo.service.benchmarks.catalog import AnyBenchmark, check_agent
+from dohyo.service.benchmarks.catalog import AnyBenchmark, check_agent, family_of
 from dohyo.service.errors import BodyError
 from dohyo.service.submissions.model import AgentKind, Submission
 from dohyo.service.submissions.queries import find_agent, find_submission
@@ -71,7 +72,10 @@ class EvaluationOrder(BaseModel):
     ] = None
     slow_policy: Annotated[
         Literal["wait", "realtime"] | None,
-        Field(description="Of a practice run: whether the simulation waits for a remote agent; default: wait."),
+        Field(
+            description="Of a practice run: whether the simulation waits for a remote agent, as it always does in "
+            "parking, on the freeway and in forecasting; default: wait."
+        ),
     ] = None
     act_deadline_s: Annotated[
         float | None,
@@ -110,6 +114,21 @@ class EvaluationOrder(BaseModel):
         if given and info.data.get("ranked"):
             raise ValueError("expected nothing in a ranked run, since mixed runs are practice")
         return given
+
+
+def check_slow_policy(slow_policy: str | None, benchmark: AnyBenchmark) -> None:
+    """Checks that a simulation which does not wait for its agent is one of drives, whose records tell of it.
+
+    Raises:
+        BodyError: It is of another family of benchmarks.
+    """
+    family = family_of(benchmark)
+    if slow_policy == "realtime" and family is not Family.DRIVING:
+        raise BodyError(
+            "slow_policy",
+            f"expected 'wait' on '{benchmark.name}', got 'realtime', which is for drives on roads: records of "
+            f"{family.label} do not tell of late decisions",
+        )
 
 
 def others_of(

@@ -31,7 +31,7 @@ from dohyo.service.errors import BusyError, ConflictError, ForbiddenError, NotFo
 from dohyo.service.evaluations import queries as evaluations
 from dohyo.service.evaluations.access import Aspect, find_visible, require, seen_by, visible_among
 from dohyo.service.evaluations.model import BenchmarkVersion, EpisodeStatus, Evaluation, EvaluationStatus
-from dohyo.service.evaluations.orders import EvaluationOrder, others_of
+from dohyo.service.evaluations.orders import EvaluationOrder, check_slow_policy, others_of
 from dohyo.service.evaluations.views import EvaluationView, view_evaluation
 from dohyo.service.state import Services, ServicesOf
 from dohyo.service.storage import deletion
@@ -149,7 +149,7 @@ def get_evaluation_manifest(
         names = [mission.name for cell in benchmark.cells for mission in benchmark.missions[cell.missions]]
         return manifest_of({name: others.get(name, agent) for name in names}, benchmark, sha256, seeds=seeds)
     if isinstance(benchmark, ParkingBenchmark):
-        return LotsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
+        return LotsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256, seeds=tuple(seeds))
     if isinstance(benchmark, ForecastBenchmark):
         return DaysManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
     return MorningsManifest(agent=agent, benchmark=benchmark, benchmark_sha256=sha256)
@@ -308,6 +308,7 @@ def _known(session: Session, caller: Caller, key: str | None, request: str) -> E
 
 def _practice_plan(order: EvaluationOrder, services: Services) -> _Plan:
     benchmark = find_benchmark(order.benchmark)
+    check_slow_policy(order.slow_policy, benchmark)
     seeds = list(dict.fromkeys(order.seeds or benchmark.seeds))
     deadline_s = order.act_deadline_s or services.settings.act_deadline_s
     return _Plan(benchmark, seeds, order.slow_policy or "wait", deadline_s)

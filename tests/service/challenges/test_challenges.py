@@ -305,6 +305,13 @@ def test_what_may_not_enter_a_phase(service: Harness) -> None:
         ({"benchmark": "dissipation", "draw_seeds": 6, "track": "sensors"}, ["body.track: expected 'privileged'"]),
         ({"benchmark": "forecast-easy", "track": "privileged"}, ["body.track: expected 'sensors'"]),
         ({"benchmark": "parking-simple", "draw_seeds": 6, "track": "map"}, ["body.track", "'sensors' or 'privileged'"]),
+        *(
+            (
+                {"benchmark": name, "draw_seeds": 6, "slow_policy": "realtime"},
+                [f"body.slow_policy: expected 'wait' on '{name}'"],
+            )
+            for name in ("dissipation", "forecast-easy", "parking-simple")
+        ),
         ({"color": "red"}, ["body.color"]),
     ],
 )

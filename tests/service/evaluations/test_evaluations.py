@@ -108,6 +108,18 @@ def test_impossible_orders_leave_nothing(stored: Harness, change: dict[str, obje
     assert stored.scheduler.calls == ["start"]
 
 
+@pytest.mark.parametrize("benchmark", ["dissipation", "forecast-hard", "parking-three"])
+def test_only_drives_on_roads_go_on_without_their_agent(stored: Harness, benchmark: str) -> None:
+    """Other records do not tell of late decisions, which would be in their scores."""
+    team = stored.caller("team")
+    team.agent("a")
+    order = {"agent": "a", "benchmark": benchmark, "slow_policy": "realtime"}
+    assert_problem(
+        team.post("/v1/evaluations", order), 422, f"body.slow_policy: expected 'wait' on '{benchmark}', got 'realtime'"
+    )
+    assert team.post("/v1/evaluations", order | {"benchmark": "quickstart"}).json()["slow_policy"] == "realtime"
+
+
 def test_a_near_miss_is_named(service: Harness) -> None:
     team = service.caller("team")
     team.agent("a")

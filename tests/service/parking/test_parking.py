@@ -229,6 +229,7 @@ def test_karts_are_parked_and_cars_are_driven(drives_nothing: Harness) -> None:
     assert ordered["progress"]["total"] == 2000
     manifest = team.get(f"/v1/evaluations/{ordered['id']}/manifest").json()
     assert (manifest["agent"]["name"], manifest["benchmark"]["scene"]) == ("parker", "complex")
+    assert len(manifest["seeds"]) == 2000
     board = team.get("/v1/leaderboard", params={"benchmark": "parking-complex"}).json()
     assert (board["metric"], board["rows"]) == ("success", [])
     assert team.get("/v1/benchmarks/parking-three").json()["kind"] == "parking"
