@@ -14,6 +14,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from dohyo.evaluation.records.foreign_files import check_file_name, read_limited
+from dohyo.evaluation.records.other_families import check_has_drives
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -89,7 +90,8 @@ def read_record(path: Path) -> EpisodeRecord:
         path: Path of the JSON file.
 
     Raises:
-        InvalidInputError: If the file is missing, truncated, changed since it was written, or not a record.
+        InvalidInputError: If the file is missing, truncated, changed since it was written, or not a record of drives
+            on roads.
     """
     return _record(_read_document(path), str(path))
 
@@ -180,7 +182,7 @@ def _read_document(path: Path) -> dict[str, Any]:
 
 
 def _document(content: bytes, path: str) -> dict[str, Any]:
-    """The JSON object of a record, after its facts were compared with the hash in it."""
+    """The JSON object of a record of drives, after its facts were compared with the hash in it."""
     try:
         document = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -189,6 +191,7 @@ def _document(content: bytes, path: str) -> dict[str, Any]:
         ) from error
     if not isinstance(document, dict) or "record_hash" not in document:
         raise InvalidInputError(f"{path}: expected an episode record, got JSON without a record_hash")
+    check_has_drives(document, path)
     try:
         digest = _facts_hash(document)
     except (ValueError, RecursionError) as error:

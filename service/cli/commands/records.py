@@ -13,6 +13,9 @@ from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.episode.runner import drive_episode
 from dohyo.evaluation.freeway.day import DayRecord, is_day
 from dohyo.evaluation.freeway.morning import MorningRecord, is_morning
+from dohyo.evaluation.freeway.page import PAGE
+from dohyo.evaluation.freeway.records import facts_at
+from dohyo.evaluation.freeway.result import RESULT
 from dohyo.evaluation.parking.lot_files import is_lot, is_lots_folder, read_lot, read_lot_motion
 from dohyo.evaluation.parking.motion import MOTION, read_motion_file
 from dohyo.evaluation.parking.record import RECORDS, is_parking_records, read_records
@@ -25,7 +28,7 @@ from dohyo.evaluation.report.contenders import Pair, make_contenders, make_pairs
 from dohyo.evaluation.report.page import write_report
 from dohyo.evaluation.report.recorded_versions import mixed_versions
 from dohyo.evaluation.report.style import probability
-from dohyo.evaluation.running.manifest import part_of_record
+from dohyo.evaluation.running.manifest import MANIFEST, part_of_record
 from dohyo.evaluation.running.membership import benchmark_of_record, check_members
 from dohyo.evaluation.running.run import read_result
 from dohyo.evaluation.scores.driving import IrsLength, Rules
@@ -68,6 +71,8 @@ def report(
     irs_length: IrsOption = "completed",
 ) -> None:
     """Compares evaluations: a table here, and one self-contained HTML file."""
+    for folder in folders:
+        _check_reportable(folder)
     parking = [is_parking_records(folder) or is_lots_folder(folder) for folder in folders]
     if any(parking):
         if not all(parking):
@@ -98,6 +103,25 @@ def report(
         console.print(f"take care: {mixed}", highlight=False)
     path = write_report(contenders, pairs, out)
     console.print(f"report: {path.resolve()}")
+
+
+def _check_reportable(folder: Path) -> None:
+    """Checks that a result folder is not one of freeway mornings or of days of forecasts.
+
+    Raises:
+        InvalidInputError: It is.
+    """
+    if (folder / RESULT).is_file():
+        raise InvalidInputError(f"'{folder}': a result on the freeway, whose report is '{folder / PAGE}'")
+    if not (folder / MANIFEST).is_file():
+        return
+    benchmark = facts_at(folder / MANIFEST).get("benchmark")
+    kind = benchmark.get("kind") if isinstance(benchmark, Mapping) else None
+    if what := {"traffic": "mornings on the freeway", "forecast": "days of forecasts"}.get(str(kind)):
+        raise InvalidInputError(
+            f"'{folder}': an evaluation of {what}; it has no drives on roads, of which reports are made: "
+            f"`dohyo evaluations watch ID` prints the scores"
+        )
 
 
 def _verdict(pair: Pair) -> str:
@@ -296,6 +320,9 @@ def score(
     json: Json = False,
 ) -> None:
     """Recomputes every score from the raw events."""
+    for path in records:
+        if is_parking_records(path):
+            raise InvalidInputError(f"'{path}': records of parking, whose scores `dohyo report FOLDER` has")
     loaded = [read_whole_record(path) for path in records]
     scored = score_records((record, path) for record, path in zip(loaded, records, strict=True) if applies(record))
     rules = rules or _rules_of(loaded[0], records[0])

@@ -11,6 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
+from dohyo.evaluation.freeway.day import DayRecord
+from dohyo.evaluation.freeway.morning import MorningRecord
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.records.store import seal, write_record
@@ -18,6 +20,7 @@ from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, manifest_of
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, drive, ego, episode, infraction, lost
+from tests.service.records import day, fetched, lot, morning
 
 STRICT: Benchmark = load_benchmark("quickstart").model_copy(update={"name": "strict", "rules": "2.1"})
 BY_RULES = {"1.0": 80.0 * 0.6 * 0.7, "2.0": 80.0 * 0.6 * 0.7, "2.1": 80.0 / (1.0 + 0.7 + 0.4)}
@@ -103,6 +106,43 @@ def test_a_record_without_its_trajectories_is_refused_by_every_command(
         assert isinstance(refused, InvalidInputError), command
         assert str(refused).startswith(f"{table}: "), command
     assert not page.exists()
+
+
+@pytest.mark.parametrize(
+    ("record", "what"),
+    [(day(), "a day of forecasts; "), (morning(), "a morning on the freeway; ")],
+    ids=["day", "morning"],
+)
+def test_an_intact_record_without_drives_is_called_what_it_is(
+    record: DayRecord | MorningRecord, what: str, tmp_path: Path
+) -> None:
+    """It is not called changed, and each refusal names a command that reads it."""
+    path = fetched(tmp_path / "run", record)
+    assert dohyo.invoke(app, ["verify", str(path), "--signature-only"]).exit_code == 0
+    for command in (["score", str(path)], ["explain", str(path), "--time", "1"]):
+        refused = str(dohyo.invoke(app, command).exception)
+        assert refused.startswith(f"{path}: {what}it has no drives on roads: `dohyo verify`"), command
+    refused = str(dohyo.invoke(app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "a.html")]).exception)
+    assert "no drives on roads" in refused
+    assert "`dohyo evaluations watch ID`" in refused
+
+
+def test_an_intact_lot_is_called_one_by_score(tmp_path: Path) -> None:
+    path = tmp_path / "lot-s5.json"
+    path.write_text(lot().model_dump_json())
+    refused = str(dohyo.invoke(app, ["score", str(path)]).exception)
+    assert refused.startswith(f"{path}: a parking lot; it has no drives on roads: `dohyo verify`")
+    (tmp_path / "records.jsonl").write_text(lot().model_dump_json() + "\n")
+    refused = str(dohyo.invoke(app, ["score", str(tmp_path / "records.jsonl")]).exception)
+    assert "records of parking, whose scores `dohyo report FOLDER` has" in refused
+
+
+def test_a_result_on_the_freeway_has_its_report_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text('{"record_hash": "0", "reference_units": {}}')
+    refused = str(dohyo.invoke(app, ["report", str(tmp_path)]).exception)
+    assert refused == f"'{tmp_path}': a result on the freeway, whose report is '{tmp_path / 'report.html'}'"
+    refused = str(dohyo.invoke(app, ["score", str(tmp_path / "result.json")]).exception)
+    assert "a result of `dohyo evaluate` on the freeway" in refused
 
 
 @pytest.mark.parametrize(
