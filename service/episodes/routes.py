@@ -11,7 +11,6 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
-from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.service.accounts.access import Caller, Holder, Reader
 from dohyo.service.client.downloads import SIGNATURE_HEADER, signature_header
 from dohyo.service.episodes.explanations import explanation_at
@@ -38,6 +37,7 @@ from dohyo.service.episodes.reading_views import (
     VerificationView,
     WaitingView,
 )
+from dohyo.service.episodes.record_views import RecordView
 from dohyo.service.episodes.replay import FORMAT, encode, infraction_document, replay_of
 from dohyo.service.episodes.views import AttemptView, view_attempt, view_episode
 from dohyo.service.errors import ConflictError, UnauthorisedError
@@ -87,7 +87,7 @@ def list_attempts(
     limit: Limit = 100,
     after: Annotated[int, Query(ge=0, le=2**31 - 1, description="The `next` of the page before.")] = 0,
 ) -> Page[AttemptView]:
-    """Lists the starts of an episode; none while its evaluation lasts and its status is hidden."""
+    """Lists all starts of an episode; none while its evaluation lasts and its status is hidden."""
     episode, evaluation, _ = episode_for(services, caller, identifier, Aspect.RUN)
     with services.database.reading() as session:
         told = bool(visible_among(session, caller, (evaluation.id,), Aspect.RECORDS))
@@ -98,10 +98,10 @@ def list_attempts(
     return Page(items=items, next=str(items[-1].number) if len(rows) > limit else None)
 
 
-@router.get("/record", responses=problems(403, 404, 409, 410) | Cached.json(EpisodeRecord))
+@router.get("/record", responses=problems(403, 404, 409, 410) | Cached.json(RecordView))
 @heavy_read
 def get_episode_record(identifier: Identified, request: Request, caller: Reader, services: ServicesOf) -> Response:
-    """The record of an episode, as `dohyo verify` and `dohyo score` read it; it never changes.
+    """The record of an episode, as `dohyo verify` and, of drives on roads, `dohyo score` read it; it never changes.
 
     The header `dohyo-signature` has the service's signature of its hash: algorithm, public key, signature.
     """

@@ -43,12 +43,14 @@ def get_evaluation_metrics_csv(identifier: Identified, caller: Reader, services:
     return Response(as_csv(_entry(services, identifier)), media_type="text/csv")
 
 
-@router.get("/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(403, 404))
+@router.get(
+    "/v1/evaluations/{identifier}/infractions", response_model=InfractionsView, responses=problems(403, 404, 409)
+)
 @heavy_read
 def get_evaluation_infractions(
     identifier: Identified, caller: Reader, services: ServicesOf, readers: ReadersOf
 ) -> Response:
-    """Infractions of all finished episodes with their positions, for a map."""
+    """Infractions of all finished episodes with their positions, for a map; 409 where nobody drives on roads."""
     _, benchmark = evaluation_for(services, caller, identifier, Aspect.REPLAYS)
     networks = {cell.name: cell.network for cell in readers.benchmark(benchmark).cells}
     found = [
