@@ -19,6 +19,7 @@ from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.store import read_record
 from dohyo.service.benchmarks.catalog import AnyScenario
+from dohyo.service.running.faults import SUFFIX as FAULT
 from dohyo.service.settings import Settings
 from dohyo.service.storage.files import file_lock
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -107,7 +108,7 @@ def discard(settings: Settings, evaluation_id: str, stem: str | None = None) -> 
     if stem is None:
         shutil.rmtree(folder, ignore_errors=True)
         return
-    for suffix in (".json", ".parquet"):
+    for suffix in (".json", ".parquet", FAULT):
         (folder / f"{stem}{suffix}").unlink(missing_ok=True)
 
 

@@ -1,4 +1,8 @@
-"""Summary of an episode in the database: the numbers that pages rank and count by, recomputable from the record."""
+"""Summary of an episode in the database: the numbers that pages rank and count by, recomputable from the record.
+
+Records of lots, mornings and days have the reason of an agent's fault and not its kind, which is read beside them once,
+when they are staged.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +42,7 @@ from dohyo.evaluation.statistics import (
 )
 from dohyo.evaluation.summary import SHARES, score_drive
 from dohyo.service.episodes.archive import Record
+from dohyo.service.running.faults import kept_fault
 
 SCORE_KEYS: Final[Mapping[str, str]] = {
     "driving_score": "ds",
@@ -71,7 +76,7 @@ STATUSES: Final[Mapping[Ending, Status]] = {
     "timed_out": Status.TIMED_OUT,
     "parked": Status.COMPLETED,
 }
-"""Statuses of karts' endings, the worst first."""
+"""Statuses of karts' endings, the worst first; a fault has the kind that was kept, see `summary_of_lot`."""
 
 
 @dataclass(frozen=True)
@@ -149,17 +154,17 @@ def rank_sign(headline: str) -> float:
 
 
 def summary_at(path: Path, record: Record, rules: Rules) -> dict[str, Any]:
-    """`summary_of` a record on disk, with the closed-loop score where its scenario has a reference.
+    """`summary_of` a staged record, with the closed-loop score where its scenario has a reference.
 
     Raises:
         InvalidInputError: As `summary_of`, or the trajectory that this score reads is missing or damaged.
     """
     if isinstance(record, MorningRecord):
-        return summary_of_morning(record)
+        return summary_of_morning(record, kept_fault(path))
     if isinstance(record, ParkingRecord):
-        return summary_of_lot(record)
+        return summary_of_lot(record, kept_fault(path))
     if isinstance(record, DayRecord):
-        return summary_of_day(record)
+        return summary_of_day(record, kept_fault(path))
     scored = score_records([(record, path)]) if applies(record) else []
     return summary_of(record, rules, {drive.ego: drive.terms for drive in scored})
 
@@ -198,32 +203,42 @@ def summary_of(
     }
 
 
-def summary_of_morning(record: MorningRecord) -> dict[str, Any]:
+def summary_of_morning(record: MorningRecord, fault: Status = Status.AGENT_RAISED) -> dict[str, Any]:
     """A morning as the summary of one drive, that of its planner.
 
     Its `morning` has the measures of all vehicles, and `least_throughput_vph` is that of the benchmark.
+
+    Args:
+        record: The record.
+        fault: How the planner failed, if it did.
     """
     benchmark = record.scenario.benchmark
     duration_s = 0.0 if record.failure is not None else benchmark.duration_s
     facts = {"morning": record.outcome, "least_throughput_vph": benchmark.least_throughput_vph}
-    return _summary_without_drives(PLANNER, record, duration_s, facts)
+    return _summary_without_drives(PLANNER, record, fault, duration_s, facts)
 
 
-def summary_of_day(record: DayRecord) -> dict[str, Any]:
-    """A day as the summary of one drive, that of its forecaster, with `forecast`: measures by the keys of `METRICS`."""
-    facts = {"forecast": dict(record.measures), "forecasts": record.forecasts, "failure": record.failure}
-    return _summary_without_drives(FORECASTER, record, 60.0 * record.forecasts, facts)
+def summary_of_day(record: DayRecord, fault: Status = Status.AGENT_RAISED) -> dict[str, Any]:
+    """A day as the summary of one drive, that of its forecaster, with `forecast`: measures by the keys of `METRICS`.
+
+    Args:
+        record: The record.
+        fault: How the forecaster failed, if it did.
+    """
+    facts = {"forecast": dict(record.measures), "forecasts": record.forecasts}
+    return _summary_without_drives(FORECASTER, record, fault, 60.0 * record.forecasts, facts)
 
 
 def _summary_without_drives(
-    name: str, record: MorningRecord | DayRecord, duration_s: float, facts: Mapping[str, Any]
+    name: str, record: MorningRecord | DayRecord, fault: Status, duration_s: float, facts: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Summary of one agent that drives nothing."""
     failed = record.failure is not None
     agent = {
         "name": name,
-        "status": (Status.AGENT_RAISED if failed else Status.FINISHED).value,
+        "status": (fault if failed else Status.FINISHED).value,
         "success": not failed,
+        "failure": record.failure,
         **facts,
         "infractions": {},
         "marks": [],
@@ -234,13 +249,20 @@ def _summary_without_drives(
     return {"egos": [agent], "decision_ms": None, "wall_s": record.wall_s, "dohyo": version("dohyo")}
 
 
-def summary_of_lot(record: ParkingRecord) -> dict[str, Any]:
-    """A lot as the summary of one drive, that of all its karts, with `parking`: the fields of `LotCounts`."""
+def summary_of_lot(record: ParkingRecord, fault: Status = Status.AGENT_RAISED) -> dict[str, Any]:
+    """A lot as the summary of one drive, that of all its karts, with `parking`: the fields of `LotCounts`.
+
+    Args:
+        record: The record.
+        fault: How the agent of the first kart with a fault failed, if one did.
+    """
     endings = [one.ending for one in record.karts]
+    statuses = (fault if ending == "failed" else status for ending, status in STATUSES.items() if ending in endings)
     lot: dict[str, Any] = {
         "name": LOT,
-        "status": next(status for ending, status in STATUSES.items() if ending in endings).value,
+        "status": next(statuses).value,
         "success": all(one.parked for one in record.karts),
+        "failure": next((one.failure for one in record.karts if one.failure is not None), None),
         "parking": asdict(count_karts(record)),
         "infractions": {},
         "marks": [],

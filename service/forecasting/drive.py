@@ -22,6 +22,7 @@ from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.forecasting.interface import POLICY, forecast_shape
 from dohyo.service.forecasting.policy import OnnxForecaster
 from dohyo.service.running.channel import SEEN, Channel
+from dohyo.service.running.faults import FaultWatch, keep_fault
 from dohyo.service.running.gauge import Gauge, watched
 from dohyo.service.running.order import EpisodeOrder, check_unchanged
 from dohyo.service.running.remote import Bridge
@@ -47,6 +48,7 @@ def forecast_day(order: EpisodeOrder, scenario: DayScenario, channel: Channel, g
     """
     if order.verdict is not None:
         failed = DayRecord(scenario=scenario, benchmark=order.benchmark, agent=order.info, failure=order.verdict[1])
+        keep_fault(order.directory, order.stem, order.verdict[0])
         failed.write(order.directory, order.stem)
         return b""
     if order.remote:
@@ -103,7 +105,16 @@ def observation(history: Float32Array, time_s: float) -> dict[str, Float32Array]
 
 
 def _judge(order: EpisodeOrder, scenario: DayScenario, windows: Windows, forecast: Forecast) -> None:
-    judge_day(scenario, windows, forecast, order.info, order.benchmark).write(order.directory, order.stem)
+    faults = FaultWatch()
+
+    def watched_forecast(history: Float32Array, time_s: float) -> ArrayLike:
+        with faults.watching():
+            return forecast(history, time_s)
+
+    record = judge_day(scenario, windows, watched_forecast, order.info, order.benchmark)
+    if record.failure is not None:
+        keep_fault(order.directory, order.stem, faults.of())
+    record.write(order.directory, order.stem)
 
 
 def _made(info: AgentInfo, policy: Path | None = None) -> ForecastAgent:

@@ -21,6 +21,7 @@ from dohyo.evaluation.scores.traffic import OBSERVED_EVERY_S, Outcome, OutcomeWa
 from dohyo.service.freeway.planner import DECIDES_EVERY_S, STATE
 from dohyo.service.policies.agent import OnnxPolicy
 from dohyo.service.running.channel import SEEN, Channel
+from dohyo.service.running.faults import fault_of, keep_fault
 from dohyo.service.running.gauge import Gauge, watched
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.remote import Bridge
@@ -114,6 +115,7 @@ def _drive(order: EpisodeOrder, scenario: MorningScenario, env: DissipationEnv, 
         facts: dict[str, object] = {"outcome": as_json(effects.outcome())}
     except AgentError as error:
         facts = {"failure": str(error)}
+        keep_fault(order.directory, order.stem, fault_of(error))
     finally:
         env.close()
     facts |= {"plans": tick, "wall_s": round(time.monotonic() - began, 3)}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 
@@ -10,12 +11,14 @@ from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import agent_info
 from dohyo.evaluation.parking.agent import FailedAgent, ParkingAgent, ParkingSpec
 from dohyo.evaluation.parking.benchmark import LotScenario
-from dohyo.evaluation.parking.deadlines import Deadlines, Limit, unlimited
+from dohyo.evaluation.parking.deadlines import Call, Deadlines, Limit, unlimited
 from dohyo.evaluation.parking.drive import drive_lot
 from dohyo.evaluation.parking.lot_files import write_lot
 from dohyo.evaluation.parking.running import close_agents, make_agents
+from dohyo.evaluation.records.specifications import Status
 from dohyo.service.parking.interface import ACTION_SHAPE, check_action, state_of
 from dohyo.service.running.channel import SEEN, Channel
+from dohyo.service.running.faults import FaultWatch, keep_fault
 from dohyo.service.running.gauge import Gauge, watched
 from dohyo.service.running.order import EpisodeOrder, check_unchanged
 from dohyo.service.running.remote import Bridge
@@ -78,9 +81,25 @@ def _drive(
     show: Callable[[int, Mapping[int, Float32Array]], None] = lambda tick, observations: None,
     limit: Limit = unlimited,
 ) -> None:
-    benchmark = scenario.benchmark
-    drive = drive_lot(_world(benchmark.karts), benchmark, scenario.seed, agents, order.info, show, limit)
+    benchmark, faults = scenario.benchmark, FaultWatch()
+    noting = _noting(faults, limit)
+    drive = drive_lot(_world(benchmark.karts), benchmark, scenario.seed, agents, order.info, show, noting)
+    failed = [faults.of(number) for number, one in enumerate(drive.record.karts) if one.ending == "failed"]
+    if failed:
+        keep_fault(order.directory, order.stem, failed[0] if order.verdict is None else order.verdict[0])
     write_lot(order.directory, order.stem, drive)
+
+
+def _noting(faults: FaultWatch, limit: Limit) -> Limit:
+    """A limit that also notes how the calls of the karts' agents fail."""
+
+    @contextmanager
+    def limited(call: Call, kart: int, agent: ParkingAgent) -> Iterator[None]:
+        setting_up = Status.AGENT_SETUP if call == "reset" else Status.AGENT_RAISED
+        with faults.watching(kart, setting_up), limit(call, kart, agent):
+            yield
+
+    return limited
 
 
 @cache

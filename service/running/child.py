@@ -24,6 +24,7 @@ from dohyo.evaluation.parking.benchmark import LotScenario
 from dohyo.evaluation.running.executors import drive_job, lost_episode
 from dohyo.service.confinement.rights import confine_episodes
 from dohyo.service.running.channel import Channel, Kind
+from dohyo.service.running.faults import keep_fault
 from dohyo.service.running.gauge import Gauge
 from dohyo.service.running.order import EpisodeOrder, checked_job
 from dohyo.service.running.remote import drive_remotely
@@ -94,6 +95,7 @@ def _drive(order: EpisodeOrder, channel: Channel, gauge: Gauge, cluster: str | N
 def _plan_morning(order: EpisodeOrder, scenario: MorningScenario, channel: Channel, gauge: Gauge) -> bytes:
     if order.verdict is not None:
         record = MorningRecord(scenario=scenario, benchmark=order.benchmark, agent=order.info, failure=order.verdict[1])
+        keep_fault(order.directory, order.stem, order.verdict[0])
         record.write(order.directory, order.stem)
         return b""
     from dohyo.service.freeway.drive import drive_morning  # the freeway's simulation takes a second to import

@@ -176,7 +176,7 @@ def test_bad_forecasts_are_refused_and_a_late_one_fails_the_agent(client: Client
     assert "0.5 s" in str(day.failure)
     (episode,) = service.episodes(evaluation)
     assert episode.summary is not None
-    assert episode.summary["egos"][0]["status"] == "failed: agent raised"
+    assert episode.summary["egos"][0]["status"] == "failed: agent did not answer in time"
 
 
 def remote_info(name: str) -> AgentInfo:

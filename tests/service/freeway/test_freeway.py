@@ -125,12 +125,13 @@ def test_a_bad_plan_is_refused_and_a_failed_planner_is_the_agents_fault(client: 
             BadActionError, match=r"expected a list of 5 lists of .* numbers, got a list of 5 lists of 5 numbers"
         ):
             session.step(drive, {"planner": speeds[:, :5]})
-        session.release(drive, "the planner failed", "ran out of ideas")
+        session.release(drive, "invalid_action", "ran out of ideas")
     assert service.wait(evaluation).status is EvaluationStatus.DONE
     (episode,) = service.episodes(evaluation)
     assert client.record(episode.id)["failure"] == "ran out of ideas"
     assert episode.summary is not None
-    assert episode.summary["egos"][0]["status"] == "failed: agent raised"
+    facts = episode.summary["egos"][0]
+    assert (facts["status"], facts["failure"]) == ("failed: agent's action was invalid", "ran out of ideas")
 
 
 def test_orders_that_nobody_plans_close_nothing_for_anybody(service: Service, client: Client) -> None:
