@@ -14,19 +14,18 @@ from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, Path, Query, Request, Response
-from sqlalchemy import select
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from dohyo.evaluation.episode.guarded_agent import RESET_DEADLINE_S
-from dohyo.service.accounts.access import WorkerCaller
+from dohyo.service.accounts.access import Caller, WorkerCaller
 from dohyo.service.accounts.model import Token
 from dohyo.service.accounts.queries import is_valid
 from dohyo.service.database.engine import Database
 from dohyo.service.errors import BusyError, NotFoundError, ServiceError, UnauthorisedError
 from dohyo.service.running.channel import SEEN, Fault
 from dohyo.service.state import Services, ServicesOf
-from dohyo.service.submissions.model import Agent
+from dohyo.service.submissions.queries import find_agent, find_submission
 from dohyo.service.web.bodies.strict_json import readable
 from dohyo.service.web.documents import problems
 from dohyo.service.wire import openapi as schema
@@ -82,9 +81,7 @@ async def register_worker(request: Request, caller: WorkerCaller, services: Serv
     try:
         taken, answered = formats_of(headers)
         order = _registration(decode(await body_of(headers, request.receive), taken))
-        owner = await asyncio.to_thread(_owner_of, services.database, order.agent)
-        if owner is None or not caller.owns(owner):
-            raise NotFoundError(f"no agent named '{order.agent}' of yours")
+        owner = await asyncio.to_thread(_owner_of, services.database, caller, order)
         leases = services.scheduler.leases
         worker = leases.register(order.agent, owner, caller.token_id or "", order.capacity, order.version)
     except (ServiceError, InvalidInputError) as error:
@@ -141,7 +138,10 @@ step_route = Route("/v1/leases/{lease}/step", Steps(), methods=["POST"], include
     response_class=Response,
 )
 async def step_episode(lease: LeaseId) -> Response:
-    """Drives all egos of the lease for one tick of 0.1 s. A repeated tick gets the same answer, so retries are safe."""
+    """Drives all egos of the lease for one tick, which lasts `dt_s`. A repeated tick gets the same answer.
+
+    A tick is 0.1 s of simulated time on roads and in parking lots, and 60 s on freeway mornings and days of forecasts.
+    """
     raise AssertionError("unreachable: `step_route` is asked before this one, which is only read as a document")
 
 
@@ -243,9 +243,19 @@ async def _departure(receive: Receive) -> AsyncIterator[asyncio.Future[None]]:
             await task
 
 
-def _owner_of(database: Database, agent: str) -> str | None:
+def _owner_of(database: Database, caller: Caller, order: Registration) -> str:
+    """Owner of the agent for which a worker registers.
+
+    Raises:
+        NotFoundError: The caller has no such agent, or the agent no such version, for which the worker would wait.
+    """
     with database.reading() as session:
-        return session.scalar(select(Agent.owner).where(Agent.name == agent))
+        agent = find_agent(session, order.agent)
+        if agent is None or not caller.owns(agent.owner):
+            raise NotFoundError(f"no agent named '{order.agent}' of yours")
+        if order.version is not None and find_submission(session, agent, order.version) is None:
+            raise NotFoundError(f"agent '{order.agent}' has no version {order.version}")
+        return agent.owner
 
 
 def _is_good(database: Database, token_id: str) -> bool:

@@ -216,6 +216,18 @@ def test_another_owners_agent_lease_and_worker_are_out_of_reach(service: Service
     mine.drive(episode)
 
 
+def test_a_worker_for_a_version_that_does_not_exist_is_refused(service: Service) -> None:
+    """It would wait for ever."""
+    info = steady()
+    evaluation = service.submit(info, short())
+    worker = hire(service, info.name)
+    status, problem = worker.post("/v1/workers", {"agent": info.name, "version": 7}, service.token)
+    assert (status, problem["detail"]) == (404, f"agent '{info.name}' has no version 7")
+    assert worker.post("/v1/workers", {"agent": info.name, "version": 1}, service.token)[0] == 201
+    worker.drive(worker.acquire())
+    assert service.wait(evaluation).status is EvaluationStatus.DONE
+
+
 def test_a_worker_is_sent_nothing_but_its_tracks_sensors(service: Service) -> None:
     info = steady(track="sensors", sensors=("speedometer", "navigation"))
     crowd = short(name="secret-benchmark").model_dump(mode="json")
