@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
@@ -24,6 +25,8 @@ POLICY: Final = "dohyo.service.parking.policy:OnnxParker"
 INPUT: Final = "observation"
 """Input of an ONNX policy, as `dohyo train parking` exports it."""
 ACTION_SHAPE: Final = (3,)
+_ROW: Final = re.compile(r"^\| (\d+)(?:-(\d+))? \| (.+) \|$", re.MULTILINE)
+"""A row of the table of columns in `dohyo.sumo_networks.parking.observation`."""
 
 
 def check_parker(track: str, sensors: Sequence[str]) -> None:
@@ -67,10 +70,24 @@ def sensor_documents() -> dict[str, dict[str, Any]]:
             "dtype": "float32",
             "low": -float(observation.HIGHEST),
             "high": float(observation.HIGHEST),
-            "description": f"Columns of the state '{state_of(name)}'. {observation.__doc__}",
+            "description": _columns_of(name),
         }
         for name in SENSORS
     }
+
+
+def _columns_of(sensor: str) -> str:
+    """The table of the observation's columns with the numbers that they have in a sensor, in Markdown."""
+    from dohyo.sumo_networks.parking import observation
+
+    kept = observation.columns(state_of(sensor)).tolist()
+    rows = []
+    for first, last, rest in _ROW.findall(observation.__doc__ or ""):
+        numbers = [own for own, column in enumerate(kept) if int(first) <= column <= int(last or first)]
+        if numbers:
+            rows.append(f"| {numbers[0]}{f'-{numbers[-1]}' * (len(numbers) > 1)} | {rest} |")
+    head = "| columns | meaning | scale |\n|---|---|---|"
+    return "\n".join((f"Observation of a kart, one float32 per column ({len(kept)}).\n\n{head}", *rows))
 
 
 def control_document() -> dict[str, Any]:
