@@ -33,12 +33,18 @@ class EpisodeView(View):
             "withheld, `queued` until the evaluation has ended."
         ),
     ]
-    attempts: Annotated[int, Field(description="How often it was started.")]
+    attempts: Annotated[
+        int,
+        Field(
+            description="How often it was started, without the starts whose outcome is `unclaimed` or `drained`, which "
+            "the list of attempts has too."
+        ),
+    ]
     record_hash: Annotated[str | None, Field(description="Content hash of its record; null where withheld.")]
     summary: Annotated[
         dict[str, Any] | None, Field(description="Scores and counts per ego, from the record; null where withheld.")
     ]
-    failure: Annotated[str | None, Field(description="Why it was lost; null where withheld.")]
+    failure: Annotated[str | None, Field(description="Why it was lost; null unless it is, and where withheld.")]
     started: Annotated[datetime | None, Field(description="Start of the last attempt; null where withheld.")]
     finished: Annotated[datetime | None, Field(description="Its end; null where withheld.")]
 
@@ -56,6 +62,8 @@ def view_episode(episode: Episode, *, told: bool = True, hidden: Set[EpisodeStat
     """
     names = [name for name in EpisodeView.model_fields if name != "evaluation"]
     facts = {name: getattr(episode, name) if told or name not in WITHHELD else None for name in names}
+    if episode.status is not EpisodeStatus.LOST:  # the reason of an earlier attempt, which the list of attempts has
+        facts["failure"] = None
     if episode.status in hidden:
         facts |= UNTOLD
     return EpisodeView(evaluation=episode.evaluation_id, **facts)
