@@ -61,7 +61,7 @@ class Ranking(Base):
         replays: Who may see replays, explanations and infractions of others.
         records: Who may read records, trajectories and scores of single drives of others.
         final: Rows of the final board, stored once after `ends`; None before.
-        finalised: Time at which `final` was stored.
+        finalised: Time at which `final` was stored. None beside `final`: the phase had not ended, see `reopen`.
     """
 
     __tablename__ = "rankings"
@@ -109,7 +109,7 @@ class Result(Base):
             baseline).
         track: Which sensors the agent may use.
         score: Mean of the headline score.
-        ordered: Time of the order.
+        ordered: Time of the order; which run came first, tells `Evaluation.number`.
         finished: Time of its end.
         facts: `scores` with intervals, `per_km`, numbers of `drives` and `episodes` that count and of `lost` drives,
             and `values`: the mean headline score of the egos of each episode, in the same order for every run, None for

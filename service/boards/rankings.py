@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from datetime import datetime, timedelta
 from typing import Final
 
@@ -22,6 +23,8 @@ from dohyo.service.settings import Settings
 from dohyo.service.submissions.model import AgentKind, Submission
 
 DAY_S: Final = 86_400.0
+
+logger = logging.getLogger("dohyo.challenges")
 
 
 def open_ranking_id(benchmark_sha256: str) -> str:
@@ -118,14 +121,25 @@ def check_entry(session: Session, ranking: Ranking, submission: Submission, at: 
             f"the owner of agent '{submission.agent.name}' is in no team of this challenge; redeem an invitation first"
         )
     _check_quota(session, ranking, submission, team, at)
+    reopen(ranking, at)
     return team
 
 
+def reopen(ranking: Ranking, at: datetime | None = None) -> None:
+    """Takes back that a board is final where the phase has not ended: the clock is behind now, or was ahead before.
+
+    The stored rows stay, so that the board of a phase that has really ended comes back as it was.
+    """
+    if ranking.finalised is not None and not ranking.ended(at):
+        logger.warning("phase %s was final and has not ended: this machine's clock is or was wrong", ranking.id)
+        ranking.finalised = None
+
+
 def _check_quota(session: Session, ranking: Ranking, submission: Submission, team: str | None, at: datetime) -> None:
-    """Counts all runs of the period, also cancelled and failed ones."""
+    """Counts all runs of the period, also cancelled and failed ones; not those of a time when the clock was ahead."""
     since = at - timedelta(seconds=ranking.period_s)
     ordered = select(func.count(), func.min(Evaluation.created)).select_from(Evaluation)
-    ordered = ordered.where(Evaluation.ranking_id == ranking.id, Evaluation.created > since)
+    ordered = ordered.where(Evaluation.ranking_id == ranking.id, Evaluation.created > since, Evaluation.created <= at)
     if team is not None:
         ordered = ordered.where(Evaluation.team_id == team)
     else:

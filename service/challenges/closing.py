@@ -12,6 +12,7 @@ from dohyo.service.benchmarks.catalog import read_benchmark
 from dohyo.service.boards.board import rows_of
 from dohyo.service.boards.leaderboard import Unranked
 from dohyo.service.boards.model import Ranking
+from dohyo.service.boards.rankings import reopen
 from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.model import Challenge, Member
 from dohyo.service.database.base import new_id, now
@@ -29,24 +30,29 @@ logger = logging.getLogger("dohyo.challenges")
 def final_rows(database: Database, standings: Standings, ranking: Ranking, headline: str) -> list[dict[str, Any]]:
     """The rows of a ranking that has ended: computed, stored and announced once; afterwards they never change.
 
+    Only where its end turned out not to have come yet, see `reopen`, they are computed again at its end, and are
+    announced again if other runs or further ones count.
+
     Args:
         database: Database of the service.
         standings: Places of rankings.
         ranking: A ranking that has ended.
         headline: Score that ranks on its benchmark.
     """
-    if ranking.final is None:
+    if ranking.finalised is None:
         ranking = _after_last_runs(database, ranking)
         places = standings.places(database, ranking, headline)
         with database.session() as session:
             serialise(session)
             ranking = session.get_one(Ranking, ranking.id)
-            if ranking.final is None:
+            if ranking.finalised is None:
                 rows = rows_of(session, ranking, places, 0, len(places))
                 if not ranking.ended():
                     return rows  # it was postponed a moment ago
-                ranking.final, ranking.finalised = {"headline": headline, "rows": rows}, now()
-                _announce(session, ranking, len(rows))
+                if ranking.final is None or _counted(ranking.final["rows"]) != _counted(rows):
+                    ranking.final = {"headline": headline, "rows": rows}
+                    _announce(session, ranking, len(rows))
+                ranking.finalised = now()
                 logger.info("phase %s is final with %d places", ranking.id, len(rows))
     stored: list[dict[str, Any]] = (ranking.final or {})["rows"]
     return [_told(row) for row in stored]
@@ -59,10 +65,19 @@ def _told(row: dict[str, Any]) -> dict[str, Any]:
     return {"unranked": reasons[0] if reasons else None, **row}
 
 
+def _counted(rows: list[dict[str, Any]]) -> list[tuple[Any, ...]]:
+    """What a board counts: of each place the run, and what its entrant ordered and threw away."""
+    return [(row["evaluation"], row.get("runs"), row.get("thrown_away")) for row in rows]
+
+
 def close_ended(services: Services) -> None:
-    """Makes the boards of all ended phases final."""
+    """Makes the boards of all ended phases final, and those of phases that have not ended open again."""
     with services.database.reading() as session:
+        early = session.scalars(select(Ranking.id).where(Ranking.ends > now(), Ranking.finalised.is_not(None))).all()
         ended = session.scalars(select(Ranking).where(Ranking.ends <= now(), Ranking.finalised.is_(None))).all()
+    for identifier in early:
+        with services.database.session() as session:
+            reopen(session.get_one(Ranking, identifier))
     for ranking in ended:
         try:
             final_rows(services.database, Standings(), ranking, _headline(services.database, ranking))

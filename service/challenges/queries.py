@@ -11,6 +11,7 @@ from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from dohyo.service.boards.model import Ranking
+from dohyo.service.boards.rankings import reopen
 from dohyo.service.challenges.model import Baseline, Challenge, Member, Team
 from dohyo.service.database.base import new_id, now
 from dohyo.service.errors import ConflictError, NotFoundError
@@ -127,6 +128,7 @@ def move_closing(ranking: Ranking, closes: datetime, ends: datetime) -> None:
     if ranking.closes is not None and (ranking.closes <= now() or closes < ranking.closes):
         raise ConflictError(f"phase '{ranking.name}' can only be postponed, and only before it closes")
     ranking.closes, ranking.ends = closes, ends
+    reopen(ranking)
 
 
 def remove_phase(session: Session, phase: Ranking) -> None:

@@ -226,7 +226,7 @@ def _announcements(session: Session, phases: Sequence[RankingView]) -> list[Anno
     found = []
     for phase in phases:
         ranking = session.get_one(Ranking, phase.id)
-        if ranking.final is not None and ranking.finalised is not None:
+        if ranking.final is not None and ranking.finalised is not None and ranking.ended():
             rows: list[dict[str, Any]] = ranking.final["rows"]
             found.append(
                 AnnouncementView(

@@ -232,6 +232,7 @@ def resume(session: Session, evaluation: Evaluation) -> int:
     lost = session.scalars(select(Episode.id).where(*again)).all()
     session.execute(update(Episode).where(*again).values(fresh))
     evaluation.status, evaluation.failure, evaluation.finished = EvaluationStatus.QUEUED, None, None
+    evaluation.announced = None  # its next end is another one, also where the clock was set back meanwhile
     session.flush()
     return len(lost)
 

@@ -112,16 +112,20 @@ def due_deliveries(
 ) -> Sequence[tuple[Delivery, Webhook]]:
     """The first delivery of each webhook that is due now, with the webhook.
 
+    One that would wait longer than the longest wait is due, too: it was stored while the clock was ahead.
+
     Args:
         session: To read from.
         limit: Most deliveries.
         at: Time of "now".
         but: Identifiers of webhooks to leave out.
     """
+    at = at or now()
+    due = or_(Delivery.due <= at, Delivery.due > at + LONGEST_WAIT)
     turn = func.row_number().over(partition_by=Delivery.webhook_id, order_by=(Delivery.due, Delivery.id))
     waiting = (
         select(Delivery.id, turn.label("turn"))
-        .where(Delivery.delivered.is_(None), Delivery.attempts < ATTEMPTS, Delivery.due <= (at or now()))
+        .where(Delivery.delivered.is_(None), Delivery.attempts < ATTEMPTS, due)
         .where(Delivery.webhook_id.not_in(but))
         .subquery()
     )

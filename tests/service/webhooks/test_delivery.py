@@ -22,6 +22,7 @@ from dohyo.service.webhooks import delivery
 from dohyo.service.webhooks import queries as webhooks
 from dohyo.service.webhooks.model import Delivery
 from dohyo.sumo_networks.errors import InvalidInputError
+from tests.service.clock import WrongClock
 from tests.service.harness import Harness, assert_problem, finish, running
 from tests.service.webhooks.receiver import Dripping, Receiver, deliveries, settled
 
@@ -74,6 +75,26 @@ def test_a_resumed_evaluation_is_told_again_when_it_ends_again(telling: Harness,
     finish(telling.services.database, evaluation, EvaluationStatus.DONE, EpisodeStatus.DONE)
     receiver.wait(2)
     assert [json.loads(body)["status"] for _, body in receiver.got] == ["cancelled", "done"]
+
+
+def test_a_resumed_evaluation_is_told_again_where_the_clock_was_set_back_meanwhile(
+    service: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, database, team = WrongClock(monkeypatch), service.services.database, service.caller("team")
+    team.post("/v1/webhooks", {"url": "https://example.org/hook"})
+    team.agent("a")
+    evaluation = team.evaluation("a")
+
+    def told(status: EvaluationStatus) -> list[str]:
+        finish(database, evaluation, status, EpisodeStatus.CANCELLED)
+        with database.session() as session:
+            webhooks.announce(session)  # unless the service has done so
+        return sorted(one.body["status"] for one in deliveries(service))
+
+    assert told(EvaluationStatus.CANCELLED) == ["cancelled"]
+    clock.shift = timedelta(hours=-1)
+    assert team.post(f"/v1/evaluations/{evaluation}/resume").status_code == 200
+    assert told(EvaluationStatus.DONE) == ["cancelled", "done"]
 
 
 def test_it_is_tried_again_until_it_is_taken(telling: Harness, receiver: Receiver) -> None:
@@ -239,6 +260,21 @@ def test_each_failure_doubles_the_wait(database: Database) -> None:
     with database.session() as session:
         assert session.scalars(select(Delivery)).all() == []  # gone with its webhook
         webhooks.settle(session, "dl-1", None)
+
+
+def test_a_message_that_was_stored_while_the_clock_was_ahead_does_not_wait_for_as_long(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = WrongClock(monkeypatch)
+    clock.shift = timedelta(days=30)
+    with database.session() as session:
+        hook = webhooks.add_webhook(session, "team", "https://example.org")
+        session.add(Delivery(id="dl-1", webhook_id=hook.id, body={}))
+    clock.shift = timedelta()
+    with database.session() as session:
+        ((one, _),) = webhooks.due_deliveries(session, 10)
+        webhooks.settle(session, one.id, "it answered 500")
+        assert webhooks.due_deliveries(session, 10) == []
 
 
 def test_a_message_is_given_up_after_three_days() -> None:
