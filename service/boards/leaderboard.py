@@ -157,7 +157,7 @@ class Contender:
         baseline: Whether it stands on the board without a rank.
         track: Which sensors its agent may use.
         score: Mean of the headline score.
-        ordered: Time of the order.
+        number: Of its order: smaller ones came first.
         dohyo_versions: Versions of dohyo that drove it.
         values: (episodes,) mean headline score of the egos of each, in the same order for every run of the ranking; NaN
             for a lost one.
@@ -169,7 +169,7 @@ class Contender:
     baseline: bool
     track: str
     score: float
-    ordered: datetime
+    number: int
     dohyo_versions: tuple[str, ...]
     values: FloatArray
     low_throughput: bool = False
@@ -337,5 +337,5 @@ def _newness(run: Contender, version: str | None) -> tuple[bool, bool, object]:
     return run.version == version, run.version is not None, version_order(run.version or EARLIER)
 
 
-def _by_score(run: Contender) -> tuple[int, bool, float, datetime, str]:
-    return run.lost if run.lost_too_many else 0, run.low_throughput, -run.score, run.ordered, run.evaluation
+def _by_score(run: Contender) -> tuple[int, bool, float, int, str]:
+    return run.lost if run.lost_too_many else 0, run.low_throughput, -run.score, run.number, run.evaluation

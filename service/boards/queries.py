@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from sqlalchemy import ColumnElement, String, cast, exists, func, select
@@ -44,11 +43,11 @@ class Ordered:
     """A run that was ordered, whatever became of it.
 
     Attributes:
-        at: Time of the order.
+        number: Of the order, see `Evaluation`.
         dohyo_versions: Versions of dohyo that have driven some of it.
     """
 
-    at: datetime
+    number: int
     dohyo_versions: frozenset[str]
 
     def comes_before(self, other: Ordered) -> bool:
@@ -56,16 +55,16 @@ class Ordered:
 
         After an upgrade the runs of before can have no rank, so that the first order of those that follow counts.
         """
-        return self.at < other.at and self.dohyo_versions <= other.dohyo_versions
+        return self.number < other.number and self.dohyo_versions <= other.dohyo_versions
 
 
 def orders_by_runner(session: Session, ranking_id: str) -> dict[str, list[Ordered]]:
     """All runs of a ranking by the team, else the submission, that they were ordered for."""
     runner = func.coalesce(Evaluation.team_id, Evaluation.submission_id)
-    query = select(runner, Evaluation.created, Evaluation.dohyo_versions).where(Evaluation.ranking_id == ranking_id)
+    query = select(runner, Evaluation.number, Evaluation.dohyo_versions).where(Evaluation.ranking_id == ranking_id)
     found: dict[str, list[Ordered]] = {}
-    for one, at, versions in session.execute(query):
-        found.setdefault(one, []).append(Ordered(at, frozenset(versions)))
+    for one, number, versions in session.execute(query):
+        found.setdefault(one, []).append(Ordered(number, frozenset(versions)))
     return found
 
 

@@ -132,7 +132,7 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
         return
     known = set(session.scalars(select(Result.evaluation_id).where(mine)))
     standing.runs = {one: run for one, run in standing.runs.items() if one in known}
-    needed = (Result.evaluation_id, Result.entrant, Result.track, Result.score, Result.ordered)
+    needed = (Result.evaluation_id, Result.entrant, Result.track, Result.score, Evaluation.number)
     facts = (Result.facts["values"], Result.facts["low_throughput"])
     new = select(*needed, *facts, Evaluation.team_id, Submission.agent_id, Evaluation.dohyo_versions).where(mine)
     new = new.join(Evaluation, Evaluation.id == Result.evaluation_id)
@@ -142,12 +142,12 @@ def _refresh(session: Session, standing: _Standing, ranking: Ranking) -> None:
     # A run that was ordered first and cancelled leaves its place empty: nobody must choose among runs.
     orders = orders_by_runner(session, ranking.id) if ranking.counts is Counts.FIRST else {}
     is_open = ranking.challenge_id is None
-    for run, runner, track, score, ordered, values, low, team, agent, versions in session.execute(new):
-        own = Ordered(ordered, frozenset(versions))
+    for run, runner, track, score, number, values, low, team, agent, versions in session.execute(new):
+        own = Ordered(number, frozenset(versions))
         if values and not any(one.comes_before(own) for one in orders.get(runner, ())):
             entrant, baseline = agent if is_open else runner, not is_open and team is None
             array = np.array(values, dtype=np.float64)  # None becomes NaN
-            kept = (run, entrant, baseline, track, score, ordered, tuple(versions), array)
+            kept = (run, entrant, baseline, track, score, number, tuple(versions), array)
             standing.runs[run] = Contender(*kept, low_throughput=bool(low))
     standing.state = state
     standing.places = Recent(20)

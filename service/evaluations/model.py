@@ -6,7 +6,7 @@ import secrets
 from collections.abc import Mapping
 from datetime import datetime
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import JSON, BigInteger, ForeignKey, Index, String, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
@@ -84,12 +84,18 @@ class BenchmarkVersion(Base):
         return family_of(self.document, self.name)
 
 
+NEXT_NUMBER: Final = text("(SELECT coalesce(max(number), 0) + 1 FROM evaluations)")
+
+
 class Evaluation(Base):
     """One submission on one benchmark version. `announced` is the end that was announced to webhooks.
 
     A run with a `ranking_id` is *ranked*, and its conditions are the ranking's; one without is *practice*. `team_id` is
     the team that the run was ordered for, in a phase of a challenge. A run with `egos` is *mixed*: other submissions
     drive them, and the evaluation's own drives all other egos.
+
+    `number` grows with each order, also where the clock is set back, so that it tells which run was ordered first.
+    `serialise` before an evaluation is added.
 
     `dohyo_versions` are those that drove its episodes, in the order of their first record: usually one.
 
@@ -117,6 +123,7 @@ class Evaluation(Base):
     announced: Mapped[datetime | None]
     # Nullable, since SQLite adds no column without a default that must have a value; the migration fills it.
     dohyo_versions: Mapped[list[str]] = mapped_column(JSON, default=list, nullable=True)
+    number: Mapped[int] = mapped_column(default=NEXT_NUMBER, index=True, nullable=True)  # nullable as above
     agent_secret: Mapped[str] = mapped_column(String(64), default=lambda: secrets.token_hex(32))
     submission: Mapped[Submission] = relationship(lazy="joined")
     benchmark: Mapped[BenchmarkVersion] = relationship()

@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import io
 import random
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ def drives(scores: list[float], scenarios: int = 0) -> list[Drive]:
 
 
 def contenders(entries: list[Entry], metric: str = "driving_score") -> list[Contender]:
-    """Complete runs, ordered one second after the other."""
+    """Complete runs, ordered one after the other."""
     return [
         Contender(
             evaluation=one.evaluation,
@@ -40,7 +39,7 @@ def contenders(entries: list[Entry], metric: str = "driving_score") -> list[Cont
             baseline=False,
             track=one.track,
             score=one.scores[metric].mean or 0.0,
-            ordered=datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=number),
+            number=number,
             dohyo_versions=one.dohyo_versions,
             values=np.array(facts_of(one, metric)["values"], dtype=np.float64),
         )

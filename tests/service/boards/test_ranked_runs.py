@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.service.boards.rankings import open_ranking_id
 from tests.service.challenges.driving import complete
+from tests.service.clock import WrongClock
 from tests.service.harness import Caller, Harness, assert_problem, running
 
 
@@ -60,7 +63,7 @@ def test_a_lucky_repetition_does_not_replace_the_first_run_and_is_counted(servic
     assert row["scores"]["driving_score"]["mean"] == pytest.approx(40.0)
 
 
-def test_a_new_version_of_the_agent_gives_no_new_runs(tmp_path: Any) -> None:
+def test_a_new_version_of_the_agent_gives_no_new_runs(tmp_path: Path) -> None:
     with running(tmp_path / "data", runs_per_day=2) as service:
         eve, ann = service.caller("eve"), service.caller("ann")
         eve.agent("a")
@@ -74,6 +77,35 @@ def test_a_new_version_of_the_agent_gives_no_new_runs(tmp_path: Any) -> None:
         eve.evaluation("a", seeds=[5])  # practice is free
         ann.agent("b")
         assert order(ann, agent="b").status_code == 201
+
+
+def test_the_first_run_stays_the_first_where_the_clock_is_set_back(
+    stored: Harness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, database, eve = WrongClock(monkeypatch), stored.services.database, stored.caller("eve")
+    eve.agent("a")
+    first = order(eve).json()["id"]
+    complete(database, first, 40.0)
+    clock.shift = timedelta(hours=-1)
+    complete(database, order(eve).json()["id"], 90.0)
+    (row,) = board(stored)
+    assert (row["evaluation"], row["runs"]) == (first, 2)
+    assert row["scores"]["driving_score"]["mean"] == pytest.approx(40.0)
+
+
+def test_runs_of_a_time_when_the_clock_was_ahead_use_up_no_later_quota(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = WrongClock(monkeypatch)
+    with running(tmp_path / "data", runs_per_day=2) as service:
+        eve = service.caller("eve")
+        eve.agent("a")
+        clock.shift = timedelta(days=30)
+        assert [order(eve).status_code for _ in range(3)] == [201, 201, 429]
+        clock.shift = timedelta()
+        answers = [order(eve) for _ in range(3)]
+        assert [one.status_code for one in answers] == [201, 201, 429]
+        assert 86_000 < int(answers[-1].headers["retry-after"]) <= 86_400
 
 
 def test_all_versions_of_an_agent_have_one_place_which_is_that_of_the_best(service: Harness) -> None:
@@ -111,7 +143,7 @@ def test_orders_at_the_same_moment_do_not_pass_the_quota(stored: Harness) -> Non
     assert len(listed) == most
 
 
-def test_the_same_key_makes_one_ranked_run_also_when_the_quota_is_used(tmp_path: Any) -> None:
+def test_the_same_key_makes_one_ranked_run_also_when_the_quota_is_used(tmp_path: Path) -> None:
     with running(tmp_path / "data", runs_per_day=1) as service:
         eve = service.caller("eve")
         eve.agent("a")

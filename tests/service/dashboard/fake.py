@@ -174,7 +174,7 @@ def board_rows(entries: list[Entry], metric: str = "driving_score") -> list[dict
     facts = {one.evaluation: facts_of(one, metric) for one in entries}
     contenders = [
         Contender(
-            evaluation=one.evaluation, entrant=one.submission, baseline=False, track=one.track, ordered=WHEN,
+            evaluation=one.evaluation, entrant=one.submission, baseline=False, track=one.track, number=1,
             dohyo_versions=one.dohyo_versions,
             score=one.scores[metric].mean or 0.0,
             values=np.array(facts[one.evaluation]["values"], dtype=np.float64),

@@ -3,7 +3,7 @@ from __future__ import annotations
 import multiprocessing
 import sqlite3
 import threading
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -97,9 +97,29 @@ def test_evaluations_of_before_were_driven_by_an_earlier_version_if_at_all(datab
         assert [tuple(row) for row in found] == [("driven", [EARLIER]), ("waiting", [])]
 
 
+def test_numbers_of_evaluations_of_before_follow_their_times(database: Database) -> None:
+    began = datetime.now(UTC)
+    with database.session() as session:
+        session.add_all([Agent(id="a", name="a", owner="o"), BenchmarkVersion(sha256="b", name="b", document={})])
+        session.flush()
+        session.add(Submission(id="s", agent_id="a", version=1, kind="builtin", track="map", info={}))
+        session.flush()
+        for name, minutes in (("third", 3), ("first", 1), ("second", 2)):
+            _add_evaluation(session, name, EpisodeStatus.QUEUED)
+            session.get_one(Evaluation, name).created = began + timedelta(minutes=minutes)
+        numbers = {one.id: one.number for one in session.scalars(select(Evaluation)).unique()}
+    assert numbers == {"third": 1, "first": 2, "second": 3}
+    _downgrade(database, "2026_14_admission_of_guests")
+    database.migrate()
+    with database.session() as session:
+        _add_evaluation(session, "later", EpisodeStatus.QUEUED)
+    with database.reading() as session:
+        ordered = session.scalars(select(Evaluation.id).order_by(Evaluation.number))
+        assert ordered.all() == ["first", "second", "third", "later"]
+
+
 def test_results_of_before_are_computed_again(database: Database) -> None:
     """They held a value per ego, and egos of one episode are no independent drives."""
-    _downgrade(database, "2026_12_dohyo_versions")
     with database.session() as session:
         session.add_all([Agent(id="a", name="a", owner="o"), BenchmarkVersion(sha256="b", name="b", document={})])
         session.flush()
@@ -108,7 +128,8 @@ def test_results_of_before_are_computed_again(database: Database) -> None:
         session.add(Ranking(id="r", benchmark_sha256="b", seeds=[0], **rules))
         session.flush()
         _add_evaluation(session, "e", EpisodeStatus.DONE)
-        session.flush()
+    _downgrade(database, "2026_12_dohyo_versions")
+    with database.session() as session:
         facts = {"values": [1.0, 2.0]}
         now = datetime.now(UTC)
         kept = {"entrant": "s", "track": "map", "score": 1.0, "ordered": now, "finished": now, "facts": facts}
@@ -158,7 +179,8 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:
-        assert session.scalars(text("SELECT version_num FROM alembic_version")).all() == ["2026_14_admission_of_guests"]  # type: ignore[call-overload]
+        found = session.scalars(text("SELECT version_num FROM alembic_version")).all()  # type: ignore[call-overload]
+        assert found == ["2026_15_numbers_of_evaluations"]
     database.close()
 
 
