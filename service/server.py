@@ -20,6 +20,7 @@ from dohyo.service.accounts.queries import first_admin_token
 from dohyo.service.app import create_app
 from dohyo.service.data_folder import held
 from dohyo.service.database.engine import Database, usable
+from dohyo.service.database.identity import check_folder, claim
 from dohyo.service.database.server_lock import server_lock
 from dohyo.service.league.routes import check_league
 from dohyo.service.settings import Settings, unknown_variables
@@ -183,13 +184,21 @@ def listen(settings: Settings) -> socket.socket:
 
 
 def _prepare(settings: Settings) -> str | None:
-    """Creates the folder, the key that signs and the tables; returns the first token if there was none."""
+    """Creates the folder, the key that signs and the tables; returns the first token if there was none.
+
+    Raises:
+        InvalidInputError: The folder or the database cannot be used, or they do not belong together.
+    """
     with held(settings):
-        SigningKeys(settings.signing_key, settings.retired_signing_keys).prepare()
         database = Database(settings.database_url)
         try:
-            with usable(), server_lock(database), database.session() as session:
-                return first_admin_token(session)
+            with usable():
+                check_folder(settings.data, settings.records, database)
+            SigningKeys(settings.signing_key, settings.retired_signing_keys).prepare()
+            with usable(), server_lock(database):
+                claim(settings.data, database)
+                with database.session() as session:
+                    return first_admin_token(session)
         finally:
             database.close()
 

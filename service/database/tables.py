@@ -5,7 +5,7 @@ from __future__ import annotations
 from dohyo.service.accounts import model as accounts
 from dohyo.service.boards import model as boards
 from dohyo.service.challenges import model as challenges
-from dohyo.service.database import idempotency, server_lock
+from dohyo.service.database import idempotency, identity, server_lock
 from dohyo.service.database.base import Base
 from dohyo.service.evaluations import model as evaluations
 from dohyo.service.jobs import model as jobs
@@ -25,6 +25,7 @@ MODELS = (
     webhooks,
     worlds,
     idempotency,
+    identity,
     server_lock,
 )
 METADATA = Base.metadata

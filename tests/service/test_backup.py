@@ -12,6 +12,7 @@ import pytest
 from pydantic import SecretStr
 
 from dohyo.service.database.base import now
+from dohyo.service.database.identity import check_folder, claim
 from dohyo.service.signing.keys import SigningKeys
 from dohyo.service.worlds.model import World, WorldStatus
 from dohyo.service.worlds.records import record_path
@@ -43,6 +44,7 @@ def fill(service: Harness) -> tuple[str, str]:
     team.agent("kept")
     (settings.records / "ab").mkdir()
     (settings.records / "ab" / "record.json").write_text("{}")
+    claim(settings.data, service.services.database)
     with service.services.database.session() as session:
         ended = {"status": WorldStatus.DONE, "finished": now(), "record_hash": "0" * 64, "kept_bytes": 2}
         session.add(World(id="wo-kept", owner="team", order={"network": "ingolstadt"}, **ended))
@@ -63,9 +65,10 @@ def copy_files(data: Path, backup: Path) -> None:
 
 
 def check(service: Harness, token: str, evaluation: str, retired_key: str) -> None:
-    team = Caller(service.client, token)
+    team, settings = Caller(service.client, token), service.services.settings
+    check_folder(settings.data, settings.records, service.services.database)
     assert team.get(f"/v1/evaluations/{evaluation}").json()["agent"] == "kept"
-    assert (service.services.settings.records / "ab" / "record.json").is_file()
+    assert (settings.records / "ab" / "record.json").is_file()
     assert team.get("/v1/worlds/wo-kept/record").text == "{}"
     assert team.get("/v1/signing-key").json()["retired"] == [retired_key]
     assert team.get("/health/ready").status_code == 200

@@ -16,7 +16,8 @@ from dohyo.service.accounts.queries import create_token, list_tokens, revoke_tok
 from dohyo.service.accounts.views import view_token
 from dohyo.service.cli.commands.serve import make_settings
 from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
-from dohyo.service.database.engine import Database
+from dohyo.service.database.engine import Database, usable
+from dohyo.service.database.identity import check_identity
 from dohyo.service.database.server_lock import server_lock
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -74,10 +75,13 @@ def revoke(
 @contextmanager
 def _session(data: Path | None, url: str | None) -> Iterator[Session]:
     settings = make_settings({"data": data}, url)
-    if settings.database is None and not (settings.data / "dohyo.db").is_file():
-        raise InvalidInputError(f"'{settings.data}' holds no data of a service; `dohyo serve --data` creates it")
     database = Database(settings.database_url)
     try:
+        if settings.database is None or "data" in settings.model_fields_set:
+            with usable():
+                check_identity(settings.data, database)
+        if settings.database is None and not (settings.data / "dohyo.db").is_file():
+            raise InvalidInputError(f"'{settings.data}' holds no data of a service; `dohyo serve --data` creates it")
         if not database.is_migrated():
             with server_lock(database):  # migrates: a server of the earlier version would go on with other tables
                 pass

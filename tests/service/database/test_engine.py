@@ -180,7 +180,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     database = Database(empty_database_url)
     with database.reading() as session:
         found = session.scalars(text("SELECT version_num FROM alembic_version")).all()  # type: ignore[call-overload]
-        assert found == ["2026_15_numbers_of_evaluations"]
+        assert found == ["2026_16_identity"]
     database.close()
 
 
