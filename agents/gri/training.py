@@ -19,7 +19,6 @@ from pydantic import Field
 
 from dohyo.agents.gri.demonstrated_replay import DemonstratedReplay, GriConfig, room_for_demonstrations
 from dohyo.agents.gri.driving.task import ENCODERS, DrivingTask
-from dohyo.agents.gri.driving.varied_conditions import VariedConditionsTask
 from dohyo.agents.gri.experts import DemonstratedTask, expert_policy
 from dohyo.agents.learning.algorithms.ddpg import DdpgConfig
 from dohyo.agents.learning.algorithms.iqn import IqnConfig
@@ -38,7 +37,7 @@ from dohyo.agents.learning.tasks.task import Task, check_task
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
-DRIVING: Final = {task.name: task for sees in ENCODERS for task in (DrivingTask(sees), VariedConditionsTask(sees))}
+DRIVING: Final = {task.name: task for sees in ENCODERS for task in (DrivingTask(sees), DrivingTask(sees, varied=True))}
 """Driving tasks by the name of their environment."""
 RECORDED_WITH: Final = 1_000_000
 """Seed of the recordings: all trainings of a study learn from the same demonstrations."""

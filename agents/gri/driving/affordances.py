@@ -15,7 +15,7 @@ from dohyo.sumo_networks.arrays import Float32Array
 
 
 class Affordances(LastFeatures):
-    """(2048,) encodings of an encoder that learned segmentation and all heads; speed and command.
+    """(4096,) encodings of an encoder that learned segmentation and all heads; speed and command.
 
     Attributes:
         files: The encoder's weights.

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from dohyo.sumo_networks.conditions import TRAIN
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.routes.routing import plan_route
@@ -24,7 +25,7 @@ LANE_M, END_M = 40.0, 12.0
 
 
 def draw_mission(seed: int) -> Scenario:
-    """The scenario of an episode.
+    """The scenario of an episode, in clear conditions.
 
     Raises:
         InvalidInputError: No route was found in many draws.
@@ -44,6 +45,15 @@ def draw_mission(seed: int) -> Scenario:
                 seed=seed,
             )  # fmt: skip
     raise InvalidInputError(f"no mission of {ROUTES_M} m with seed {seed} in {ATTEMPTS} draws")
+
+
+def draw_varied(seed: int) -> Scenario:
+    """The scenario of `draw_mission` under that of NoCrash's four conditions of training whose turn it is.
+
+    Raises:
+        InvalidInputError: See `draw_mission`.
+    """
+    return draw_mission(seed).model_copy(update={"conditions": tuple(TRAIN)[seed % len(TRAIN)]})
 
 
 def _anywhere(rng: np.random.Generator) -> Place:

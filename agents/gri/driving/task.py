@@ -17,7 +17,7 @@ from gymnasium.spaces import Dict, Discrete
 from dohyo.agents.experts.autopilot import Autopilot
 from dohyo.agents.gri.driving.affordances import Affordances, Classification, Untrained
 from dohyo.agents.gri.driving.choices import CONTROL, TABLE, nearest
-from dohyo.agents.gri.driving.missions import draw_mission
+from dohyo.agents.gri.driving.missions import draw_mission, draw_varied
 from dohyo.agents.gri.driving.pictures import Pictures
 from dohyo.agents.gri.driving.reward import End, GriadReward
 from dohyo.agents.gri.driving.state import DrivingState
@@ -32,6 +32,8 @@ from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 EGO: Final = "ego"
 REPEAT: Final = 2
 """Ticks of 0.1 s that a choice is driven for."""
+VARIED: Final = "-varied"
+"""End of the name of a task under several conditions."""
 Sight = Literal["state", "pictures", "affordances", "classification", "untrained"]
 ENCODERS: Final[Mapping[Sight, type[SensorEncoder]]] = {
     "state": DrivingState,
@@ -51,12 +53,15 @@ class DrivingTask(Task):
         episodes: Number of held-out episodes.
         first: Seed of the first of them.
         repeat: Ticks of a choice; rewards are means over them, so that the highest stays 1.
+        varied: Missions have NoCrash's four conditions of training in turn. What has learned from pictures of clear
+            days alone stands in rain.
     """
 
     sees: Sight = "state"
     episodes: int = 20
     first: int = HELD_OUT_FROM
     repeat: int = REPEAT
+    varied: bool = False
 
     measures = ("completed", *(end.value for end in End))
     has_expert = True
@@ -65,7 +70,7 @@ class DrivingTask(Task):
     @property
     def name(self) -> str:
         """See `Task`."""
-        return f"driving-{self.sees}"
+        return f"driving-{self.sees}{VARIED if self.varied else ''}"
 
     @property
     def observation_space(self) -> Dict:
@@ -95,6 +100,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
         self.observation_space: Any = task.observation_space
         self.action_space = task.action_space
         self._sight, self._repeat = ENCODERS[task.sees](), task.repeat
+        self._draw = draw_varied if task.varied else draw_mission
         self._expert = Autopilot()  # type: ignore[abstract]
         self._sight.warm_up()
         self._driving: DrivingEnv | None = None
@@ -106,7 +112,7 @@ class MissionEnv(gymnasium.Env[dict[str, Array], Any]):
         """Begins the mission of a seed."""
         self.close()
         sensors = dict.fromkeys((*self._sight.sensors, *Autopilot.spec.sensors))
-        scenario = draw_mission(seed or 0)
+        scenario = self._draw(seed or 0)
         self._driving = DrivingEnv(scenario, tuple(sensors), CONTROL, reward=None)
         observations, _ = self._driving.reset()
         self._seen: Observation = observations[EGO]

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from dohyo.agents.gri.driving.varied_conditions import VARIED
+from dohyo.agents.gri.driving.task import VARIED
 from dohyo.agents.gri.training import GriRunConfig
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.gymnasium.task import GymnasiumConfig

@@ -45,6 +45,7 @@ class Answers(NamedTuple):
         colour: (N,) 0 to 2; means nothing without a light.
         distance_m: (N,) m; means nothing without a light.
         angle_rad: (N,) rad.
+        offset_m: (N,) m.
     """
 
     junction: NDArray[Any]
@@ -52,12 +53,13 @@ class Answers(NamedTuple):
     colour: NDArray[Any]
     distance_m: NDArray[Any]
     angle_rad: NDArray[Any]
+    offset_m: NDArray[Any]
 
 
 def true_answers(moments: Moments) -> Answers:
     """What is so."""
     light = moments.light.numpy()
-    numbers = moments.distance_m.numpy(), moments.angle_rad.numpy()
+    numbers = moments.distance_m.numpy(), moments.angle_rad.numpy(), moments.offset_m.numpy()
     return Answers(moments.junction.numpy(), (light > 0).astype(np.int64), np.maximum(light - 1, 0), *numbers)
 
 
@@ -74,6 +76,7 @@ def constant_answers(training: Answers) -> dict[str, float]:
         "colour": majority(training.colour[lit]),
         "distance_m": float(np.median(training.distance_m[lit])),
         "angle_rad": float(np.median(training.angle_rad)),
+        "offset_m": float(np.median(training.offset_m)),
     }
 
 
@@ -91,11 +94,11 @@ def judged(told: Answers, true: Answers, constant: Mapping[str, float], drive: I
     """
     out: dict[str, Any] = {}
     for name, mine, right in zip(Answers._fields, told, true, strict=True):
-        counts = np.ones(len(drive), bool) if name in ("junction", "lit", "angle_rad") else true.lit == 1
+        counts = np.ones(len(drive), bool) if name not in ("colour", "distance_m") else true.lit == 1
         if not counts.any():
             out[name] = None
             continue
-        numeric = name in ("distance_m", "angle_rad")
+        numeric = name in ("distance_m", "angle_rad", "offset_m")
         scored = np.abs(mine - right) if numeric else np.equal(mine, right)
         flat = np.abs(constant[name] - right) if numeric else np.equal(constant[name], right)
         out[name] = {
@@ -125,7 +128,8 @@ def answers_of(network: VisualSystem, moments: Moments) -> tuple[Answers, NDArra
             counts += confusion(classes.numpy(), batch.classes.flatten(0, 1).numpy())
             heads = network.predict(batch.pictures)
             kinds = (one.argmax(dim=1).numpy() for one in (heads.road, heads.light, heads.colour))
-            told.append((*kinds, heads.distance.clamp(0.0, 1.0).numpy() * LIGHT_M, heads.angle.numpy()))
+            distance = heads.distance.clamp(0.0, 1.0).numpy() * LIGHT_M
+            told.append((*kinds, distance, heads.angle.numpy(), heads.offset.numpy()))
     return Answers(*(np.concatenate(column) for column in zip(*told, strict=True))), counts
 
 

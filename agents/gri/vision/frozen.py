@@ -1,7 +1,7 @@
 """The frozen encoder in onnxruntime, on one thread: what drives and what is trained see the same numbers.
 
 encoder = FrozenEncoder(weights_of("affordances"))
-encoder.features(pictures(observation))               # (512,) float32
+encoder.features(pictures(observation))               # (1024,) float32
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 
 SHIPPED: Final = Path(__file__).with_name("checkpoints")
 SHAPE: Final = (len(CAMERAS), 3, SIDE_PX, SIDE_PX)
-FEATURES: Final = 512
+FEATURES: Final = 1024
 
 
 def weights_of(name: str) -> Path:
@@ -50,7 +50,7 @@ class FrozenEncoder:
         self._input = self._session.get_inputs()[0].name
 
     def features(self, pictures: NDArray[Any]) -> Float32Array:
-        """(512,) both encodings.
+        """(1024,) both encodings.
 
         Args:
             pictures: (3, 3, 64, 64) uint8 of `cameras.CAMERAS`.

@@ -3,7 +3,8 @@
 A moved camera sees another road: the distances fall by as much as it is ahead, and the angle turns with it.
 
 Source: Chekroun 2024, section 4.4.2.1: road type ahead, presence and colour of the light, distance to it, rotation to
-the lane. Ours: what counts as ahead.
+the lane. The distance from the lane's middle is that of the affordances before it (Toromanoff et al. 2020). Ours: what
+counts as ahead.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import Float32Array, FloatArray
+from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.sensors import Observation
 from dohyo.sumo_networks.sensors.path import BEHIND
@@ -35,12 +36,14 @@ class Labels(NamedTuple):
         light: 0 for none, then red, yellow, green: the number in `COLOURS` plus 1.
         distance_m: From the front to the light's line, m; 0 without a light.
         angle_rad: From the lane's direction to the cameras', left positive, rad.
+        offset_m: From the lane's middle to the cameras, left positive, m.
     """
 
     junction: bool
     light: int
     distance_m: float
     angle_rad: float
+    offset_m: float
 
 
 def labels_of(observation: Observation, displacement: FloatArray) -> Labels:
@@ -57,7 +60,8 @@ def labels_of(observation: Observation, displacement: FloatArray) -> Labels:
     junctions = [(row[0] - ahead, row[1] - ahead, int(row[2])) for row in observation["junctions_ahead"].tolist()]
     light, distance = _light(junctions)
     near = any(end > 0.0 and line < JUNCTION_M for line, end, _ in junctions)
-    return Labels(near, light, distance, float(wrap_angle(np.asarray(yaw - _direction(observation["path"], x, y)))))
+    direction, offset = _lane(path, x, y)
+    return Labels(near, light, distance, float(wrap_angle(np.asarray(yaw - direction))), offset)
 
 
 def _light(junctions: list[tuple[float, float, int]]) -> tuple[int, float]:
@@ -68,7 +72,8 @@ def _light(junctions: list[tuple[float, float, int]]) -> tuple[int, float]:
     return COLOURS.index(LightState(signal)) + 1, line
 
 
-def _direction(path: Float32Array, x: float, y: float) -> float:
-    """Direction of the lane beside a place, in the ego's frame, rad."""
+def _lane(path: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """Direction of the lane beside a place in the ego's frame [rad], and the place's distance to the left of it [m]."""
     near = path[BEHIND - AROUND : BEHIND + AROUND + 1]
-    return float(near[np.hypot(near[:, 0] - x, near[:, 1] - y).argmin(), 2])
+    along, aside, direction = near[np.hypot(near[:, 0] - x, near[:, 1] - y).argmin(), :3].tolist()
+    return direction, (y - aside) * math.cos(direction) - (x - along) * math.sin(direction)

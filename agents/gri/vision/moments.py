@@ -26,6 +26,7 @@ class Moments:
         light: (N,) int64, 0 for none, then red, yellow, green.
         distance_m: (N,) float32 to the light; 0 without one.
         angle_rad: (N,) float32 to the lane.
+        offset_m: (N,) float32 from the lane's middle.
     """
 
     pictures: Tensor
@@ -35,6 +36,7 @@ class Moments:
     light: Tensor
     distance_m: Tensor
     angle_rad: Tensor
+    offset_m: Tensor
 
     def __len__(self) -> int:
         return len(self.pictures)

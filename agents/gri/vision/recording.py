@@ -37,7 +37,7 @@ from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from dohyo.sumo_networks.units import TICK_S
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 HELD_S: Final = 5.0
 """How long the cameras keep a pose."""
 MOUNTED_SHARE: Final = 0.3

@@ -16,6 +16,7 @@ HEADS: Final[Mapping[str, tuple[str, float, int]]] = {
     "colour": ("its colour, % right", 100.0, 1),
     "distance_m": ("distance to it, mean error, m", 1.0, 1),
     "angle_rad": ("angle to the lane, mean error, rad", 1.0, 3),
+    "offset_m": ("distance from its middle, mean error, m", 1.0, 2),
 }
 """Words, scale and decimals of each head."""
 KINDS: Final = {"mounted": "cameras as mounted", "displaced": "cameras displaced"}

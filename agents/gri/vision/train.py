@@ -37,12 +37,13 @@ from dohyo.sumo_networks.files import write_atomically
 
 EncoderName = Literal["affordances", "classification", "untrained"]
 CLASSIFIED: Final = ("road", "light", "colour")
-LOSSES: Final = ("segmentation", *CLASSIFIED, "distance", "angle")
+REGRESSED: Final = ("distance", "angle", "offset")
+LOSSES: Final = ("segmentation", *CLASSIFIED, *REGRESSED)
 INPUT, OUTPUT = "pictures", "features"
 WHOLE: Final = "whole.safetensors"
 """Encoder, decoder and heads, for `evaluate`."""
 SMALL: Final = 0.1
-"""Errors of distance [40 m] and angle [rad] above it count linearly."""
+"""Errors of distance [40 m], angle [rad] and offset [m] above it count linearly."""
 LEAST_DEVIATION: Final = 1e-3
 
 
@@ -56,7 +57,7 @@ class TrainConfig(SupervisedConfig):
         learning_rate: Highest, after the warm-up; then it falls to zero along a cosine.
         warm_up_steps: Steps over which it rises.
         gradient_norm: Upper bound.
-        regression: Weight of the errors of distance and angle.
+        regression: Weight of the errors of distance, angle and offset.
         rare: Exponent of a class's share of all pixels, whose inverse weighs its pixels: 0 gives equal weights.
     """
 
@@ -91,8 +92,8 @@ def losses_of(
     elif config.encoder == "affordances":
         told = network.predict(batch.pictures)
         parts |= {"segmentation": _segmentation(network, batch, weights, cameras), **_classification(told, batch)}
-        parts |= {"distance": _distance(told, batch), "angle": _angle(told, batch)}
-    scale = {"distance": config.regression, "angle": config.regression}
+        parts |= {"distance": _distance(told, batch), **_place(told, batch)}
+    scale = dict.fromkeys(REGRESSED, config.regression)
     return {"loss": torch.stack([scale.get(name, 1.0) * part for name, part in parts.items()]).sum(), **parts}
 
 
@@ -124,8 +125,12 @@ def _distance(told: Predictions, batch: Moments) -> Tensor:
     return smooth_l1_loss(told.distance[lit], batch.distance_m[lit] / LIGHT_M, beta=SMALL)
 
 
-def _angle(told: Predictions, batch: Moments) -> Tensor:
-    return smooth_l1_loss(told.angle, batch.angle_rad, beta=SMALL)
+def _place(told: Predictions, batch: Moments) -> dict[str, Tensor]:
+    """Errors of the angle to the lane, and of the distance from its middle."""
+    return {
+        "angle": smooth_l1_loss(told.angle, batch.angle_rad, beta=SMALL),
+        "offset": smooth_l1_loss(told.offset, batch.offset_m, beta=SMALL),
+    }
 
 
 def train(config: TrainConfig, order: TrainRequest) -> Path:
@@ -184,7 +189,7 @@ def validate(network: VisualSystem, data: Moments, weights: Tensor, config: Trai
 
 
 def frozen_model(network: VisualSystem, data: Moments, batch: int) -> bytes:
-    """The shipped ONNX model: `INPUT` (1, 3, 3, 64, 64) uint8 to `OUTPUT` (1, 512), standardised over the data."""
+    """The shipped ONNX model: `INPUT` (1, 3, 3, 64, 64) uint8 to `OUTPUT` (1, 1024), standardised over the data."""
     encoder = network.encoder.cpu().eval()
     with torch.inference_mode():
         found = torch.cat([encoder(part) for part in torch.split(data.pictures, batch)])

@@ -16,13 +16,15 @@ COLOURS = ((255, 0, 0), (255, 200, 0), (0, 255, 0))
 
 
 def moments(count: int, seed: int) -> dict[str, np.ndarray]:
-    """Columns of a drive. A junction is a white ground, a light a square that is larger when near, an angle a post."""
+    """Columns of a drive. A junction is a white ground, a light a square that is larger when near, an angle a post,
+    an offset a second one below it."""
     rng = np.random.default_rng(seed)
     pictures = np.full((count, 3, 3, 64, 64), 60, np.uint8)
     classes = np.full((count, 3, 64, 64), Seen.ROAD, np.uint8)
     light, junction = rng.integers(0, 4, count), rng.integers(0, 2, count).astype(bool)
     distance = np.where(light > 0, rng.uniform(0.0, LIGHT_M, count), 0.0).astype(np.float32)
     angle = rng.uniform(-0.2, 0.2, count).astype(np.float32)
+    offset = rng.uniform(-1.0, 1.0, count).astype(np.float32)
     for row in range(count):
         side = rng.integers(3)
         pictures[row, side, 2, :16], classes[row, side, :16] = 200, Seen.BUILDING
@@ -30,6 +32,8 @@ def moments(count: int, seed: int) -> dict[str, np.ndarray]:
         centre[:, 48:] = 255 if junction[row] else 0
         post = 32 + round(100 * float(angle[row]))
         centre[:, 32:48, post - 2 : post + 2] = 255
+        post = 32 + round(20 * float(offset[row]))
+        centre[:, 52:60, post - 2 : post + 2] = 128
         if light[row]:
             half = 2 + round(8 * (1.0 - float(distance[row]) / LIGHT_M))
             colour = np.array(COLOURS[light[row] - 1], np.uint8)[:, None, None]
@@ -38,7 +42,7 @@ def moments(count: int, seed: int) -> dict[str, np.ndarray]:
     displacement[::2, 3] = 5.0
     return {
         "pictures": pictures, "classes": classes, "displacement": displacement, "junction": junction, "light": light,
-        "distance_m": distance, "angle_rad": angle,
+        "distance_m": distance, "angle_rad": angle, "offset_m": offset,
     }  # fmt: skip
 
 

@@ -17,12 +17,14 @@ TRUE = Answers(
     colour=np.array([2, 0, 0, 0]),
     distance_m=np.array([10.0, 30.0, 0.0, 0.0]),
     angle_rad=np.array([0.1, -0.1, 0.0, 0.0]),
+    offset_m=np.array([0.5, 0.5, 0.5, 0.9]),
 )
 
 
 def test_heads_are_judged_against_constant_answers_and_lights_where_there_is_one():
     constant = constant_answers(TRUE)
-    assert constant == {"junction": 0, "lit": 0, "colour": 0, "distance_m": 20.0, "angle_rad": pytest.approx(0.0)}
+    numbers = {"distance_m": 20.0, "angle_rad": pytest.approx(0.0), "offset_m": 0.5}
+    assert constant == {"junction": 0, "lit": 0, "colour": 0, **numbers}
     told = TRUE._replace(junction=np.array([1, 1, 0, 0]), distance_m=np.array([12.0, 30.0, 40.0, 40.0]))
     found = judged(told, TRUE, constant, np.array([0, 0, 1, 1]))
     assert found["junction"]["value"][0] == 0.75
@@ -31,6 +33,7 @@ def test_heads_are_judged_against_constant_answers_and_lights_where_there_is_one
     assert (found["distance_m"]["value"][0], found["distance_m"]["constant"]) == (1.0, 10.0)
     assert found["angle_rad"]["moments"] == 4
     assert found["angle_rad"]["constant"] == 0.05
+    assert (found["offset_m"]["value"][0], found["offset_m"]["constant"]) == (0.0, pytest.approx(0.1))
     low, high = found["junction"]["value"][1:]
     assert (low, high) == (0.5, 1.0), "one drive is right in half of its moments, the other in all"
 

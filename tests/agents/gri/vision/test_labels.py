@@ -39,12 +39,17 @@ def before_the_light(metres: float, state: LightState = LightState.RED, **more: 
     return lit_crossing().with_ego(x=-40.0 + at_line.distance_m - metres, **more).with_lights(state)
 
 
-def test_labels_tell_junction_light_colour_distance_and_angle():
-    assert told(before_the_light(30.0)) == Labels(False, 1, pytest.approx(30.0, abs=0.05), pytest.approx(0.0))
+def test_labels_tell_junction_light_colour_distance_and_place_in_the_lane():
+    assert told(before_the_light(30.0)) == Labels(
+        False, 1, pytest.approx(30.0, abs=0.05), pytest.approx(0.0), pytest.approx(0.0, abs=0.01)
+    )
     assert told(before_the_light(JUNCTION_M - 1.0, LightState.GREEN)).junction
     assert [told(before_the_light(9.0, state)).light for state in (1, 2, 3, 0)] == [1, 2, 3, 0]
     assert told(before_the_light(LIGHT_M + 2.0)).light == 0
     assert told(before_the_light(30.0, heading=0.2)).angle_rad == pytest.approx(0.2, abs=0.01)
+    assert told(before_the_light(30.0, left=0.8)).offset_m == pytest.approx(0.8, abs=0.02)
+    turned = told(before_the_light(30.0, left=-0.5, heading=0.3))
+    assert turned.offset_m == pytest.approx(-0.5, abs=0.02), "of its place alone"
     inside = told(before_the_light(-1.0))
     assert (inside.junction, inside.light, inside.distance_m) == (True, 0, 0.0)
 
@@ -54,6 +59,7 @@ def test_a_moved_camera_moves_the_labels():
     moved = told(here, displaced(AHEAD, ASIDE, TURN))
     assert moved.distance_m == pytest.approx(told(here).distance_m - AHEAD, abs=0.05)
     assert moved.angle_rad == pytest.approx(math.radians(TURN), abs=0.01)
+    assert moved.offset_m == pytest.approx(ASIDE, abs=0.02)
     assert told(before_the_light(2.0), displaced(AHEAD)).light == 0, "the line is behind the camera"
     assert told(before_the_light(JUNCTION_M + 1.0), displaced(AHEAD)).junction
 
