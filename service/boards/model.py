@@ -60,8 +60,8 @@ class Ranking(Base):
         board: Who may see the board and that a run exists.
         replays: Who may see replays, explanations and infractions of others.
         records: Who may read records, trajectories and scores of single drives of others.
-        final: Rows of the final board, stored once after `ends`; None before.
-        finalised: Time at which `final` was stored. None beside `final`: the phase had not ended, see `reopen`.
+        final: `headline` and `rows` of the final board, stored after `ends`; None before.
+        finalised: Time at which the board became final. None beside `final`: the phase had not ended, see `reopen`.
     """
 
     __tablename__ = "rankings"

@@ -28,10 +28,10 @@ logger = logging.getLogger("dohyo.challenges")
 
 
 def final_rows(database: Database, standings: Standings, ranking: Ranking, headline: str) -> list[dict[str, Any]]:
-    """The rows of a ranking that has ended: computed, stored and announced once; afterwards they never change.
+    """The rows of a ranking that has ended, which are computed, stored and announced once.
 
-    Only where its end turned out not to have come yet, see `reopen`, they are computed again at its end, and are
-    announced again if other runs or further ones count.
+    Only where its end turned out not to have come yet, see `reopen`, they are computed again at its end. They replace
+    the stored ones, and are announced again, if other runs or further ones count.
 
     Args:
         database: Database of the service.
