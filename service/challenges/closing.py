@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any, Final
 
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.benchmarks.catalog import read_benchmark
@@ -17,7 +17,7 @@ from dohyo.service.boards.standings import Standings
 from dohyo.service.challenges.model import Challenge, Member
 from dohyo.service.database.base import new_id, now
 from dohyo.service.database.engine import Database, serialise
-from dohyo.service.evaluations.model import BenchmarkVersion
+from dohyo.service.evaluations.model import BenchmarkVersion, Evaluation
 from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.state import Services
 from dohyo.service.webhooks.model import Delivery, Webhook
@@ -72,17 +72,31 @@ def _counted(rows: list[dict[str, Any]]) -> list[tuple[Any, ...]]:
 
 def close_ended(services: Services) -> None:
     """Makes the boards of all ended phases final, and those of phases that have not ended open again."""
+    _take_back_early_ends(services.database)
     with services.database.reading() as session:
-        early = session.scalars(select(Ranking.id).where(Ranking.ends > now(), Ranking.finalised.is_not(None))).all()
         ended = session.scalars(select(Ranking).where(Ranking.ends <= now(), Ranking.finalised.is_(None))).all()
-    for identifier in early:
-        with services.database.session() as session:
-            reopen(session.get_one(Ranking, identifier))
     for ranking in ended:
         try:
             final_rows(services.database, Standings(), ranking, _headline(services.database, ranking))
         except Exception:  # tried again; the other phases must not wait for it
             logger.exception("phase %s cannot be made final", ranking.id)
+
+
+def _take_back_early_ends(database: Database) -> None:
+    """Opens the boards of phases that have not ended; those of their runs whose end lies ahead have ended by now.
+
+    The clock was ahead when they ended, and they would count as too late.
+    """
+    going_on, at = select(Ranking.id).where(Ranking.ends > now()), now()
+    with database.reading() as session:
+        early = session.scalars(going_on.where(Ranking.finalised.is_not(None))).all()
+        ahead = select(Evaluation.id).where(Evaluation.ranking_id.in_(going_on), Evaluation.finished > at)
+        runs = session.scalars(ahead).all()
+    if early or runs:
+        with database.session() as session:
+            for ranking in session.scalars(select(Ranking).where(Ranking.id.in_(early))):
+                reopen(ranking)
+            session.execute(update(Evaluation).where(Evaluation.id.in_(runs)).values(finished=at))
 
 
 def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:

@@ -78,6 +78,17 @@ def test_a_clock_that_was_ahead_once_decides_no_phase(cup: Cup) -> None:
     assert cup.messages() == [1, 2]
 
 
+def test_a_run_that_ended_while_the_clock_was_ahead_was_in_time(cup: Cup) -> None:
+    """Whether or not its phase seemed to have ended at that moment."""
+    run = enter(cup.eve, "e", cup.ranking)["id"]
+    cup.clock.shift = timedelta(hours=26)
+    complete(cup.services.database, run, 95.0)
+    cup.at(0)
+    assert cup.shown() == (False, [(1, "e"), (2, "a")])
+    cup.at(26)
+    assert (cup.shown(), cup.winners()) == ((True, [(1, "e"), (2, "a")]), [["e"]])
+
+
 def test_an_order_or_a_later_closing_shows_that_the_phase_goes_on(cup: Cup) -> None:
     """Also where nobody has looked for ended phases between the two ends."""
     cup.at(26)
