@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+from datetime import datetime
 from typing import Any, Final
 
-from sqlalchemy import select, update
+from sqlalchemy import ColumnElement, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.benchmarks.catalog import read_benchmark
@@ -87,16 +88,21 @@ def _take_back_early_ends(database: Database) -> None:
 
     The clock was ahead when they ended, and they would count as too late.
     """
-    going_on, at = select(Ranking.id).where(Ranking.ends > now()), now()
     with database.reading() as session:
-        early = session.scalars(going_on.where(Ranking.finalised.is_not(None))).all()
-        ahead = select(Evaluation.id).where(Evaluation.ranking_id.in_(going_on), Evaluation.finished > at)
-        runs = session.scalars(ahead).all()
-    if early or runs:
+        early = session.scalars(select(Ranking.id).where(Ranking.ends > now(), Ranking.finalised.is_not(None))).all()
+        some = session.scalar(select(Evaluation.id).where(_ended_ahead(now())).limit(1)) is not None
+    if early or some:
         with database.session() as session:
             for ranking in session.scalars(select(Ranking).where(Ranking.id.in_(early))):
                 reopen(ranking)
-            session.execute(update(Evaluation).where(Evaluation.id.in_(runs)).values(finished=at))
+            at = now()
+            session.execute(update(Evaluation).where(_ended_ahead(at)).values(finished=at))
+
+
+def _ended_ahead(at: datetime) -> ColumnElement[bool]:
+    """Condition on `Evaluation`: of a phase that has not ended at a moment, with an end after that moment."""
+    going_on = select(Ranking.id).where(Ranking.ends > at)
+    return Evaluation.ranking_id.in_(going_on) & (Evaluation.finished > at)
 
 
 def _after_last_runs(database: Database, ranking: Ranking) -> Ranking:
