@@ -157,7 +157,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         stack.push_async_callback(deliverer.stop)
         for work, every_s, name in (
             (lambda: closing.close_ended(services), closing.EVERY_S, "closing of phases"),
-            (lambda: retention.remove_old_records(services), retention.EVERY_S, "removal of old records"),
+            (retention.Retention(services).remove, retention.EVERY_S, "removal of old records"),
         ):
             await stack.enter_async_context(repeated(work, every_s, name))
         stack.push_async_callback(services.drain)

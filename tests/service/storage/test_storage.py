@@ -20,6 +20,7 @@ from dohyo.service.storage import deletion, retention
 from dohyo.service.storage.usage import check_bytes, kept_bytes
 from dohyo.service.submissions.model import AgentKind, Submission
 from tests.evaluation.builders import ego, episode
+from tests.service.clock import WrongClock
 from tests.service.harness import Caller, Harness, assert_problem, finish, running
 from tests.service.policies.models import identity
 from tests.service.served import STEADY, Service, info_of, short, wait_until
@@ -152,6 +153,21 @@ def test_a_file_that_is_being_read_is_read_to_its_end(shop: Shop, monkeypatch: p
 
     monkeypatch.setattr(readers, "trajectory_of", read_before_the_deletion)
     assert shop.client.get(f"/v1/episodes/{one}/trajectory").content == content
+
+
+def test_a_clock_that_is_wrong_for_a_moment_removes_no_record(shop: Shop, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, (one,) = shop.evaluation(shop.submission("new"), [one_record(1)])
+    object.__setattr__(shop.services.settings, "records_kept_days", 30.0)
+    clock = WrongClock(monkeypatch)
+    passes = retention.Retention(shop.services)
+    assert passes.remove() == 0
+    clock.shift = timedelta(days=60)
+    assert passes.remove() == 0, "set by two months"
+    clock.shift = timedelta()
+    assert passes.remove() == 0
+    assert shop.client.get(f"/v1/episodes/{one}/record").status_code == 200
+    clock.shift = timedelta(days=60)
+    assert [passes.remove(), passes.remove()] == [0, 1], "a clock that stays there is right"
 
 
 def test_old_records_go_and_their_rows_and_scores_stay(shop: Shop) -> None:
