@@ -1,5 +1,6 @@
 // A complete policy worker in JavaScript: `node worker.mjs http://127.0.0.1:8000 TOKEN AGENT`.
-const [url, token, agent] = process.argv.slice(2);
+const [address, token, agent] = process.argv.slice(2);
+const url = address.replace(/\/+$/, "");
 
 async function post(path, body, bearer) {
   const headers = { authorization: `Bearer ${bearer}`, "content-type": "application/json" };

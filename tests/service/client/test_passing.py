@@ -268,10 +268,10 @@ def test_a_plain_example_ends_with_one_line_when_the_service_does(
     assert line.startswith(f"no answer from {script.url}: " if last is BROKEN else "503: ")
 
 
-def test_the_example_keeps_the_path_of_its_address(script: Script) -> None:
+@pytest.mark.parametrize("command", PLAIN)
+def test_a_plain_example_keeps_the_path_of_its_address(command: list[str], script: Script) -> None:
     script.answers += [REGISTERED, Answer({}, 503)]
-    with example(f"{script.url}/dohyo/") as process:
-        process.communicate(timeout=60)
+    subprocess.run([*command, f"{script.url}/dohyo/", "secret", "mine"], cwd=ROOT, capture_output=True, timeout=60)
     assert [asked for asked, _ in script.asked] == [
         "POST /dohyo/v1/workers",
         "POST /dohyo/v1/workers/w-1/acquire?wait=20",
