@@ -109,7 +109,6 @@ class Result(Base):
             baseline).
         track: Which sensors the agent may use.
         score: Mean of the headline score.
-        ordered: Time of the order; which run came first, tells `Evaluation.number`.
         finished: Time of its end.
         facts: `scores` with intervals, `per_km`, numbers of `drives` and `episodes` that count and of `lost` drives,
             and `values`: the mean headline score of the egos of each episode, in the same order for every run, None for
@@ -124,6 +123,5 @@ class Result(Base):
     entrant: Mapped[str] = mapped_column(String(32))
     track: Mapped[str] = mapped_column(String(20))
     score: Mapped[float]
-    ordered: Mapped[datetime]
     finished: Mapped[datetime]
     facts: Mapped[dict[str, Any]]

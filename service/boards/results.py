@@ -87,7 +87,6 @@ def _result(run: Evaluation, entry: Entry, headline: str) -> Result:
         entrant=run.team_id or run.submission_id,
         track=entry.track,
         score=rank_sign(headline) * (entry.scores[headline].mean or 0.0) if headline in entry.scores else 0.0,
-        ordered=run.created,
         finished=run.finished,
         facts=facts_of(entry, headline),
     )

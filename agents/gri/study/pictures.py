@@ -31,4 +31,4 @@ CLAIMS: Final = tuple(claim for problem in (SHORT, FULL) for claim in _claims(pr
 STUDY: Final = unseen_study(
     (SHORT, FULL), CLAIMS, {}, "pictures", "GRIAD from pictures in NoCrash's unseen town, by what its encoder learned"
 )
-"""The thesis has no such table: its encoders are compared with another author's, in the weather of training."""
+"""The thesis has no such table: its encoders are compared with another author's, in the conditions of training."""

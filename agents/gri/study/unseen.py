@@ -45,7 +45,7 @@ def unseen_study(
     Args:
         problems: Names in `PROBLEMS`.
         claims: What is decided; their places are amounts of traffic, or empty for all.
-        reported: Success in the thesis's unseen town and weather, %, by traffic, of the arms that it has.
+        reported: Success in the thesis's unseen town and conditions, %, by traffic, of the arms that it has.
         published: Folder of the stored rows, and first part of the tables' names.
         summary: See `Study`.
     """

@@ -50,13 +50,13 @@ class Split(NamedTuple):
 
     Attributes:
         network: Where they drive.
-        weathers: Names of the conditions, in turn.
+        conditions: Their names, in turn.
         first: Number of the first one.
         share: Number of them, as a share of those for training.
     """
 
     network: str
-    weathers: tuple[str, ...]
+    conditions: tuple[str, ...]
     first: int
     share: float
 
@@ -67,9 +67,9 @@ SPLITS: Final[Mapping[str, Split]] = MappingProxyType(
         "train": Split("town-train", _TRAIN, 0, 1.0),
         "validation": Split("town-train", _TRAIN, 1_000_000, 0.15),
         "town-train": Split("town-train", _TRAIN, HELD_OUT_FROM, 0.3),
-        "town-train-test-weather": Split("town-train", _TEST, HELD_OUT_FROM + 1_000_000, 0.3),
+        "town-train-test-conditions": Split("town-train", _TEST, HELD_OUT_FROM + 1_000_000, 0.3),
         "town-test": Split("town-test", _TRAIN, HELD_OUT_FROM, 0.3),
-        "town-test-test-weather": Split("town-test", _TEST, HELD_OUT_FROM + 1_000_000, 0.3),
+        "town-test-test-conditions": Split("town-test", _TEST, HELD_OUT_FROM + 1_000_000, 0.3),
     }
 )
 """What is learned from, what is looked at meanwhile, and the four that are judged, as in NoCrash."""
@@ -98,13 +98,13 @@ class AffordanceRequest(Config):
         wanted = math.ceil(self.moments / (self.egos * math.ceil(self.episode_s / self.every_s - 1e-6)))
         for name, split in SPLITS.items():
             for number in range(math.ceil(wanted * split.share)):
-                weather = split.weathers[number % len(split.weathers)]
-                yield name, self._scenario(split.network, split.first + number, weather)
+                conditions = split.conditions[number % len(split.conditions)]
+                yield name, self._scenario(split.network, split.first + number, conditions)
 
-    def _scenario(self, network: str, number: int, weather: str) -> Scenario:
+    def _scenario(self, network: str, number: int, conditions: str) -> Scenario:
         """Missions and traffic as in the motion data set; its number is its seed."""
         drawn = motion.scenario(motion.MotionRequest(seed=self.seed, egos=self.egos), network, number)
-        update = {"name": f"affordances-{network}-{number}", "conditions": weather, "seed": number}
+        update = {"name": f"affordances-{network}-{number}", "conditions": conditions, "seed": number}
         return drawn.model_copy(update=update)
 
 

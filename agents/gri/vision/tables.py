@@ -1,4 +1,4 @@
-"""Table of an evaluated encoder: a row per measure, a column per town and weather."""
+"""Table of an evaluated encoder: a row per measure, a column per town and conditions."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ HEADS: Final[Mapping[str, tuple[str, float, int]]] = {
 """Words, scale and decimals of each head."""
 KINDS: Final = {"mounted": "cameras as mounted", "displaced": "cameras displaced"}
 TITLES: Final = {
-    "town-train": "town-train, its weathers",
-    "town-train-test-weather": "town-train, other weathers",
-    "town-test": "town-test, weathers of training",
-    "town-test-test-weather": "town-test, other weathers",
+    "town-train": "town-train, its conditions",
+    "town-train-test-conditions": "town-train, other conditions",
+    "town-test": "town-test, conditions of training",
+    "town-test-test-conditions": "town-test, other conditions",
 }
 
 

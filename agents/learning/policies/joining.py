@@ -34,15 +34,27 @@ def joined(before: onnx.ModelProto, policy: Path, after: onnx.ModelProto) -> byt
         after: Of `exported`, with the input `CHOSEN` and the output "action".
     """
     chosen = add_prefix(onnx.load(policy), "policy.", rename_inputs=False)
-    whole = add_prefix(before, "before.", rename_inputs=False, rename_outputs=False)
-    for part in (chosen, add_prefix(after, "after.", rename_inputs=False, rename_outputs=False)):
-        part.ir_version = whole.ir_version
-        read = {value.name for value in part.graph.input}
-        whole = merge_models(
-            whole, part, io_map=[(one.name, one.name) for one in whole.graph.output if one.name in read]
-        )
+    whole = chained({"before": before, "": chosen, "after": after})
     onnx.checker.check_model(whole)
     return bytes(whole.SerializeToString())
+
+
+def chained(parts: Mapping[str, onnx.ModelProto]) -> onnx.ModelProto:
+    """One model of several, each connected to those before it where an output is named like an input.
+
+    Args:
+        parts: By the prefix of the names inside, which must differ; "" leaves them.
+    """
+    first, *others = (
+        add_prefix(part, f"{prefix}.", rename_inputs=False, rename_outputs=False) if prefix else part
+        for prefix, part in parts.items()
+    )
+    for part in others:
+        part.ir_version = first.ir_version
+        read = {value.name for value in part.graph.input}
+        ends = [(one.name, one.name) for one in first.graph.output if one.name in read]
+        first = merge_models(first, part, io_map=ends)
+    return first
 
 
 def exported(layer: nn.Module, inputs: Mapping[str, Tensor], outputs: Sequence[str]) -> onnx.ModelProto:

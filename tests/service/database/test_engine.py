@@ -132,7 +132,7 @@ def test_results_of_before_are_computed_again(database: Database) -> None:
     with database.session() as session:
         facts = {"values": [1.0, 2.0]}
         now = datetime.now(UTC)
-        kept = {"entrant": "s", "track": "map", "score": 1.0, "ordered": now, "finished": now, "facts": facts}
+        kept = {"entrant": "s", "track": "map", "score": 1.0, "finished": now, "facts": facts}
         session.add(Result(evaluation_id="e", ranking_id="r", **kept))
     database.migrate()
     with database.reading() as session:

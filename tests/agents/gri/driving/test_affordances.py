@@ -17,7 +17,7 @@ from dohyo.agents.gri.driving.pictures import PICTURES
 from dohyo.agents.gri.driving.task import EGO, ENCODERS, REPEAT, DrivingTask
 from dohyo.agents.gri.griad import Griad
 from dohyo.agents.gri.training import GRI, GriRunConfig
-from dohyo.agents.gri.vision.cameras import pictures
+from dohyo.agents.gri.vision.cameras import CAMERAS, pictures
 from dohyo.agents.gri.vision.frozen import FEATURES, FrozenEncoder
 from dohyo.agents.learning.algorithms.iqn import IqnPolicy
 from dohyo.agents.learning.experience.demonstrations import Demonstrations
@@ -29,8 +29,12 @@ from dohyo.agents.learning.policies.export import export
 from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.agents.submission import write_submission
+from dohyo.evaluation.agent import Mission
+from dohyo.service.policies.checks import check_policy
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.scenario import Place
+from tests.agents.endless_driving.test_agent import answers
 
 CONFIG = Path(__file__).parents[4] / "agents" / "gri" / "configs" / "griad.toml"
 MISSION = 21
@@ -136,6 +140,21 @@ def test_a_training_stores_encodings_and_needs_no_pictures(tmp_path):
     assert Griad(tmp_path / "best.onnx").spec.sensors == Affordances.sensors
 
 
-def test_a_policy_of_affordances_has_no_submission_so_far(policy, tmp_path):
-    with pytest.raises(InvalidInputError, match="this one is of 'driving-affordances'"):
-        write_submission("griad", policy, tmp_path / "submission.onnx")
+def test_a_service_takes_the_submission_of_affordances_and_it_drives_as_the_agent(policy, tmp_path):
+    file = tmp_path / "submission.onnx"
+    spec = write_submission("griad", policy, file)
+    agent, rng = Griad(policy), np.random.default_rng(0)
+    agent.reset(Mission(start=Place(lane="a", position_m=0.0), goal=Place(lane="b", position_m=0.0)), 0)
+    observations = [
+        {
+            **{name: rng.integers(255, size=(3, 64, 64), dtype=np.uint8) for name in CAMERAS},
+            "speedometer": rng.uniform(0.0, 10.0, 2).astype(np.float32),
+            "navigation": np.array([rng.integers(6), 50.0, 10.0], np.float32),
+        }
+        for _ in range(12)
+    ]
+    expected = [agent.act(observation) for observation in observations]
+    assert len({tuple(row) for row in np.array(expected).tolist()}) > 1
+    np.testing.assert_allclose(answers(file, observations), expected, atol=1e-6)
+    assert spec.track == "sensors"
+    assert "state_latents" in check_policy(file.read_bytes(), spec).states

@@ -122,7 +122,15 @@ def test_a_goal_cuts_an_episode_and_is_no_terminal_state():
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny training with GRIAD's configuration, on the state."""
-    settings = ("env=driving-state", "steps=120", "processes=1", "episodes=1", "evaluate_every=120", "shown=2")
+    settings = (
+        "env=driving-state",
+        "steps=120",
+        "processes=1",
+        "explorers=2",
+        "episodes=1",
+        "evaluate_every=120",
+        "shown=2",
+    )
     sizes = ("iqn.hidden=[8]", "iqn.batch=4", "iqn.round_steps=20", "iqn.learning_starts=40", "checkpoint_every=60")
     config = read_settings(GriRunConfig, CONFIG, (*settings, *sizes, "tensorboard=false"))
     assert config.gri == GriConfig(p_demo=0.25, unit="steps", demo_reward=1.0)

@@ -91,7 +91,7 @@ def test_the_rig_as_mounted_is_what_an_agent_gets():
     assert np.array_equal(colours, pictures(observation))
     assert (colours.shape, classes.shape) == ((3, 3, 64, 64), (3, 64, 64))
     assert (classes[1] == Seen.RED).any()
-    assert not np.array_equal(colours, seen(scene, np.array(MOUNTED), "heavy-rain")[0]), "weather is in the picture"
+    assert not np.array_equal(colours, seen(scene, np.array(MOUNTED), "heavy-rain")[0]), "conditions are in the picture"
 
 
 def test_displacements_are_drawn_within_bounds_and_others_are_refused():

@@ -21,7 +21,7 @@ from tests.agents.gri.vision.data import moments
 SHORT = AffordanceRequest(moments=1, egos=2, every_s=2.0, episode_s=12.0)
 
 
-def test_it_learns_from_the_town_and_weathers_of_training_and_is_judged_on_held_out_seeds():
+def test_it_learns_from_the_town_and_conditions_of_training_and_is_judged_on_held_out_seeds():
     order = AffordanceRequest(moments=4000)
     scenarios = {split: [one for name, one in order.episodes() if name == split] for split in SPLITS}
     for split in ("train", "validation"):
@@ -31,8 +31,8 @@ def test_it_learns_from_the_town_and_weathers_of_training_and_is_judged_on_held_
     assert {one.conditions for one in scenarios["train"]} == set(TRAIN)
     for split in JUDGED:
         assert all(one.seed >= HELD_OUT_FROM for one in scenarios[split])
-        assert {one.network for one in scenarios[split]} == {split.removesuffix("-test-weather")}
-        assert {one.conditions for one in scenarios[split]} <= set(TEST if "weather" in split else TRAIN)
+        assert {one.network for one in scenarios[split]} == {split.removesuffix("-test-conditions")}
+        assert {one.conditions for one in scenarios[split]} <= set(TEST if "test-conditions" in split else TRAIN)
     names = [one.name for split in SPLITS for one in scenarios[split]]
     assert len(set(names)) == len(names)
     assert len(scenarios["train"]) * 8 * 40 >= 4000
