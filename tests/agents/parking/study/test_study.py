@@ -60,3 +60,17 @@ def test_tables_say_what_is_unfinished_and_judge_directions():
     assert "74.8" in table
     (verdict,) = [line for line in claims(Results(rows, {})).splitlines() if "dppo > ppo" in line]
     assert "reproduced" in verdict
+
+
+def test_a_training_that_never_reaches_the_threshold_counts_with_all_its_steps():
+    place = {"benchmark": "parking-simple, reached"}
+    reached = {"simple-ppo": (300, 320, 310), "simple-poca": (None, 900, None)}
+    rows = [
+        row(arm, training, block, 99.0, threshold_steps=steps, **place)
+        for arm, ends in reached.items()
+        for training, steps in enumerate(ends)
+        for block in range(8)
+    ]
+    (verdict,) = [line for line in claims(Results(rows, {})).splitlines() if "simple-ppo < simple-poca" in line]
+    assert "-657" in verdict
+    assert "n=3" in verdict
