@@ -155,7 +155,8 @@ class WorldBook:
         task = self._tasks[identifier] = asyncio.create_task(self._run(world, process))
         try:
             await world.simulation.wait()
-        except BusyError:
+        except BusyError as error:
+            world.ending = str(error)  # what is logged of it
             task.cancel()
             await asyncio.wait([task])
             await asyncio.to_thread(self._remove, identifier)  # else the same request would get it again

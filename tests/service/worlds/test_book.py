@@ -14,6 +14,7 @@ from dohyo.service.running.process import End, EpisodeProcess, Outcome
 from dohyo.service.settings import Settings
 from dohyo.service.simulating.order import WorldOrder, WorldRules
 from dohyo.service.worlds.book import WorldBook
+from dohyo.service.worlds.live import simulation
 from dohyo.service.worlds.model import World
 from tests.service.worlds.clients import scenario
 
@@ -61,6 +62,26 @@ def test_a_world_that_dies_before_its_first_tick_is_made_anew_by_the_same_reques
         with pytest.raises(BusyError, match="could not be started: no memory"):
             asyncio.run(book.create("lab", order, RULES, ("key", "one")))
     assert worlds_of(database) == 0
+
+
+def test_a_world_that_takes_too_long_to_begin_is_told_so_and_is_not_blamed_on_the_service_s_end(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def start(process: EpisodeProcess) -> None: ...
+
+    async def drive(process: EpisodeProcess, order: WorldOrder) -> Outcome:
+        await asyncio.sleep(60.0)
+        return Outcome(End.DIED)
+
+    monkeypatch.setattr(EpisodeProcess, "start", start)
+    monkeypatch.setattr(EpisodeProcess, "drive", drive)
+    monkeypatch.setattr(simulation, "SHOW_S", 0.01)
+    book = WorldBook(Settings(data=tmp_path / "data"), database)
+    with pytest.raises(BusyError, match="for one tick"):
+        asyncio.run(book.create("lab", order, RULES, ("key", "one")))
+    assert worlds_of(database) == 0
+    assert "the service ended" not in caplog.text
+    assert "failed: the simulation took longer" in caplog.text
 
 
 def test_a_request_that_is_given_up_leaves_no_world(
