@@ -20,7 +20,7 @@ from dohyo.sumo_networks.geometry import SegmentGrid, crossed_segments, nearest_
 from dohyo.sumo_networks.networks.parsing import file_hash, parse_net
 from dohyo.sumo_networks.networks.xml_guard import check_size, scan
 
-CACHE_VERSION = 4
+CACHE_VERSION = 5
 GRID_CELL_M = 30.0
 MOST_CELLS = 4_000_000
 """Of the grid of a network; one of larger extent has larger cells."""
@@ -291,8 +291,8 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
         limit_mb: Largest size, packed or unpacked, MB.
 
     Raises:
-        InvalidInputError: The file is missing, too large, harmful or no SUMO net, has left-hand traffic, or has no lane
-            open to cars.
+        InvalidInputError: The file is missing, too large, harmful or no SUMO net, has left-hand traffic, has no lane
+            open to cars, or has a lane or junction of an impossible size or shape.
     """
     check_size(path, limit_mb)
     sha256 = file_hash(path)

@@ -35,7 +35,8 @@ def parse_net(path: Path) -> Tables:
     """Reads a SUMO net that `xml_guard.scan` has accepted into flat arrays, named "group.field" as in `network.py`.
 
     Raises:
-        InvalidInputError: The file is no SUMO net, or has no lane open to cars.
+        InvalidInputError: The file is no SUMO net, has no lane open to cars, or has a lane or junction of an impossible
+            size or shape.
     """
     net = _read(path)
     edges = sorted(net.getEdges(), key=lambda edge: str(edge.getID()))
@@ -44,11 +45,14 @@ def parse_net(path: Path) -> Tables:
         raise InvalidInputError(f"network file '{path}' has no lane open to passenger cars")
     order = {lane.getID(): i for i, lane in enumerate(lanes)}
     signals = sorted({(c.getTLSID(), c.getTLLinkIndex()) for c in _connections(lanes) if c.getTLSID()})
-    tables = _lane_tables(edges, lanes, order)
-    tables |= _connection_tables(lanes, order, {key: i for i, key in enumerate(signals)})
-    tables |= _signal_tables(signals)
-    tables |= _stop_line_tables(tables)
-    tables |= _junction_tables(net)
+    try:
+        tables = _lane_tables(edges, lanes, order)
+        tables |= _connection_tables(lanes, order, {key: i for i, key in enumerate(signals)})
+        tables |= _signal_tables(signals)
+        tables |= _stop_line_tables(tables)
+        tables |= _junction_tables(net)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"network file '{path}': {error}") from error
     return tables
 
 
@@ -74,7 +78,7 @@ _ON_FOOT = ("crossing", "walkingarea")
 
 def _lane_tables(edges: list[Any], lanes: list[Any], order: dict[str, int]) -> Tables:
     edge_order = {edge.getID(): i for i, edge in enumerate(edges)}
-    shapes = [np.array([point[:2] for point in lane.getShape()], dtype=np.float64) for lane in lanes]
+    shapes = [_checked_shape(lane) for lane in lanes]
     drivable = np.array([_drives(lane) for lane in lanes])
     left, right = np.full(len(lanes), -1), np.full(len(lanes), -1)
     for edge in edges:
@@ -102,6 +106,40 @@ def _lane_tables(edges: list[Any], lanes: list[Any], order: dict[str, int]) -> T
         "lanes.points": np.concatenate(shapes),
         "lanes.edge_ids": np.array(list(edge_order), dtype=np.str_),
     }
+
+
+def _checked_shape(lane: Any) -> np.ndarray:
+    """(P, 2) a lane's centreline without repeated points, or the outline of a walking area as it is.
+
+    Inside junctions SUMO itself makes lanes of 0.1 m whose two points are equal. They keep both points.
+    """
+    name = f"lane '{lane.getID()}'"
+    if not 0.0 < lane.getLength() < np.inf:
+        raise InvalidInputError(f"{name}: expected a finite length above 0 m, got {lane.getLength():g}")
+    for what, value in (("width", lane.getWidth()), ("speed", lane.getSpeed())):
+        if not np.isfinite(value):
+            raise InvalidInputError(f"{name}: expected a finite {what}, got {value:g}")
+    shape = _finite(name, lane.getShape())
+    if len(shape) < 2:
+        raise InvalidInputError(f"{name}: expected a shape of at least two points, got {len(shape)}")
+    if lane.getEdge().getFunction() == "walkingarea":
+        return shape
+    line = shape[np.append(True, (shape[1:] != shape[:-1]).any(axis=1))]
+    if len(line) == 1 and not lane.getEdge().isSpecial():
+        raise InvalidInputError(f"{name}: expected a shape of two different points, got only {_text(shape[0])}")
+    return np.repeat(line, 2, axis=0) if len(line) == 1 else np.asarray(line)
+
+
+def _finite(name: str, points: Iterable[Any]) -> np.ndarray:
+    """(P, 2) points of a lane or junction."""
+    shape = np.array([point[:2] for point in points], dtype=np.float64).reshape(-1, 2)
+    for point in shape[~np.isfinite(shape).all(axis=1)]:
+        raise InvalidInputError(f"{name}: expected finite coordinates, got {_text(point)}")
+    return shape
+
+
+def _text(point: np.ndarray) -> str:
+    return f"{point[0]:g},{point[1]:g}"
 
 
 def _connection_tables(lanes: list[Any], order: dict[str, int], signals: dict[tuple[str, int], int]) -> Tables:
@@ -167,6 +205,8 @@ def _stop_line_tables(tables: Tables) -> Tables:
     segments = np.empty((len(lanes), 4))
     for row, lane in enumerate(lanes):
         end = tables["lanes.points"][tables["lanes.start"][lane] : tables["lanes.start"][lane + 1]][-2:]
+        if (end[0] == end[1]).all():
+            raise InvalidInputError(f"lane '{tables['lanes.ids'][lane]}': expected a direction at its stop line")
         along = (end[1] - end[0]) / np.hypot(*(end[1] - end[0]))
         across = np.array([-along[1], along[0]]) * tables["lanes.width"][lane] / 2
         segments[row] = [*(end[1] - across), *(end[1] + across)]
@@ -180,7 +220,7 @@ def _stop_line_tables(tables: Tables) -> Tables:
 
 def _junction_tables(net: Any) -> Tables:
     nodes = sorted((n for n in net.getNodes() if n.getType() != "internal"), key=lambda n: str(n.getID()))
-    shapes = [np.array([p[:2] for p in node.getShape()], dtype=np.float64).reshape(-1, 2) for node in nodes]
+    shapes = [_finite(f"junction '{node.getID()}'", node.getShape()) for node in nodes]
     return {
         "junctions.ids": np.array([node.getID() for node in nodes], dtype=np.str_),
         "junctions.kind": np.array([node.getType() for node in nodes], dtype=np.str_),

@@ -91,7 +91,9 @@ def _is_beside(network: RoadNetwork, lane: int, point: Point) -> bool:
     road = np.flatnonzero((lanes.edge == lanes.edge[lane]) & lanes.drivable)
     ends, before = lanes.points[lanes.start[road + 1] - 1], lanes.points[lanes.start[road + 1] - 2]
     along, away = ends - before, np.array(point) - ends
-    across = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / np.hypot(along[:, 0], along[:, 1])
+    area, length = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]), np.hypot(along[:, 0], along[:, 1])
+    # The distance from its end, where a lane has no direction there.
+    across = np.divide(area, length, out=np.hypot(away[:, 0], away[:, 1]), where=length > 0.0)
     beyond = float((across - 0.5 * lanes.width[road]).min())
     return 0.0 < beyond <= BESIDE_M
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import gzip
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -254,6 +255,53 @@ def test_stop_signs_have_lines_too() -> None:
     signed = network.stop_lines.lane[network.stop_lines.stop_sign]
     assert {network.edge_id(lane) for lane in signed} == {"w_c", "e_c"}
     assert not network.stop_lines.lit.any()
+
+
+def with_lane(path: Path, lane: str, **attributes: str) -> Path:
+    """The lit crossing with other attributes of a lane; {shape} stands for the shape that it has."""
+    text = lit_crossing().network.path.read_text()
+    (old,) = re.findall(f'<lane id="{lane}"[^>]*>', text)
+    new = old
+    for key, value in attributes.items():
+        new = re.sub(f'{key}="([^"]*)"', lambda match: f'{key}="{value.format(shape=match[1])}"', new)  # noqa: B023
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_a_repeated_point_of_a_lane_changes_nothing(tmp_path: Path) -> None:
+    here = lit_crossing().network
+    x, y = here.lane_shape(here.lane_index["w_c_0"])[-1]
+    net = with_lane(tmp_path / "town.net.xml", "w_c_0", shape=f"{{shape}} {x:.2f},{y:.2f}")
+    there = read_network(net, "town")
+    np.testing.assert_array_equal(there.lanes.points, here.lanes.points)
+    np.testing.assert_array_equal(there.stop_lines.segment, here.stop_lines.segment)
+
+
+def test_a_lane_inside_a_junction_may_have_no_extent_as_in_nets_that_sumo_makes(tmp_path: Path) -> None:
+    network = read_network(with_lane(tmp_path / "town.net.xml", ":c_0_0", shape="1,2 1,2 1,2"), "town")
+    assert network.lane_shape(network.lane_index[":c_0_0"]).tolist() == [[1, 2], [1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("attributes", "problem"),
+    [
+        ({"shape": "nan,nan {shape}"}, "expected finite coordinates, got nan,nan"),
+        ({"shape": "{shape} 5,inf"}, "expected finite coordinates, got 5,inf"),
+        ({"shape": ""}, "expected a shape of at least two points, got 0"),
+        ({"shape": "1,2"}, "expected a shape of at least two points, got 1"),
+        ({"shape": "1,2 1,2"}, "expected a shape of two different points, got only 1,2"),
+        ({"length": "0"}, "expected a finite length above 0 m, got 0"),
+        ({"length": "-5.00"}, "expected a finite length above 0 m, got -5"),
+        ({"length": "nan"}, "expected a finite length above 0 m, got nan"),
+        ({"speed": "nan"}, "expected a finite speed, got nan"),
+    ],
+)
+def test_a_lane_of_an_impossible_size_or_shape_is_refused(
+    attributes: dict[str, str], problem: str, tmp_path: Path
+) -> None:
+    net = with_lane(tmp_path / "town.net.xml", "w_c_0", **attributes)
+    with pytest.raises(InvalidInputError, match=f"'{net}': lane 'w_c_0': {problem}"):
+        read_network(net, "town")
 
 
 # Right of way
