@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import xml.parsers.expat
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +10,7 @@ from scipy.sparse.csgraph import connected_components  # type: ignore[import-unt
 
 from dohyo.sumo_networks.arrays import BoolArray, IntArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.xml_guard import read_elements
 
 
 def largest_part(network: RoadNetwork) -> BoolArray:
@@ -45,8 +44,5 @@ def junctions_of_edges(network: RoadNetwork) -> IntArray:
             ends = (at, at) if inside else (attributes.get("from", ""), attributes.get("to", ""))
             found[edge] = [row.get(end, -1) for end in ends]
 
-    parser = xml.parsers.expat.ParserCreate()
-    parser.StartElementHandler = element
-    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
-        parser.ParseFile(file)
+    read_elements(network.path, element)
     return found

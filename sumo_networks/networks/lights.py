@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gzip
-import re
-
 import numpy as np
 
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.xml_guard import read_elements
 
 LONGEST_PHASE_S = 150.0
 """A driver who waits for 180 s counts as blocked; a light that another program must switch has longer phases."""
@@ -15,13 +13,30 @@ LONGEST_PHASE_S = 150.0
 
 def longest_phases(network: RoadNetwork) -> dict[str, float]:
     """Longest phase of every traffic light, s, by its id."""
-    with gzip.open(network.path, "rb") if network.path.suffix == ".gz" else network.path.open("rb") as file:
-        programs = re.findall(rb'<tlLogic id="([^"]*)"(.*?)</tlLogic>', file.read(), re.DOTALL)
     longest: dict[str, float] = {}
-    for light, phases in programs:
-        durations = [float(seconds) for seconds in re.findall(rb'duration="([\d.]+)"', phases)]
-        longest[light.decode()] = max([*durations, longest.get(light.decode(), 0.0)])
+    light = ""
+
+    def element(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal light
+        if tag == "tlLogic":
+            light = attributes.get("id", "")
+            longest.setdefault(light, 0.0)
+        elif tag == "phase":
+            longest[light] = max(longest.get(light, 0.0), _seconds(attributes.get("duration", "0")))
+
+    read_elements(network.path, element)
     return longest
+
+
+def _seconds(duration: str) -> float:
+    """A duration as SUMO reads it: seconds, or [days:]hours:minutes:seconds; 0 for what is none."""
+    *larger, seconds = duration.split(":")
+    try:
+        return float(seconds) + sum(
+            float(number) * unit for number, unit in zip(reversed(larger), (60, 3600, 86400), strict=False)
+        )
+    except ValueError:
+        return 0.0
 
 
 def endless_lights(network: RoadNetwork) -> frozenset[str]:

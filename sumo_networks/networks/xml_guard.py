@@ -15,6 +15,7 @@ import stat
 import xml.parsers.expat
 import zlib
 from collections import Counter
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,6 +114,14 @@ def scan(file: Path, root: str, limit_mb: float = LIMIT_MB, copy: Path | None = 
             raise InvalidInputError(f"'{file}' is no complete {_packing(file)} file: {error}") from error
         raise InvalidInputError(f"cannot read '{file}': {error.strerror or error}") from error
     return scanner.census()
+
+
+def read_elements(file: Path, element: Callable[[str, dict[str, str]], None]) -> None:
+    """Calls a function with the tag and the attributes of each element of a file that `scan` has accepted."""
+    parser = xml.parsers.expat.ParserCreate()
+    parser.StartElementHandler = element
+    with _open(file) as source:
+        parser.ParseFile(source)
 
 
 class _Scanner:
