@@ -7,36 +7,65 @@ and west change places, and so do left and right turns.
 
 from __future__ import annotations
 
-import re
+import io
+import xml.sax
 from typing import Final
+from xml.sax.saxutils import XMLGenerator
+from xml.sax.xmlreader import AttributesImpl
 
-_ROOT: Final = re.compile(rb"<net\b[^>]*>")
-_BOUNDARY: Final = re.compile(rb'convBoundary="(-?[\d.]+),[^,]*,(-?[\d.]+),')
-_SHAPE: Final = re.compile(rb'\b(shape|outlineShape)="([^"]*)"')  # customShape is a bool
-_LEFT_HAND: Final = re.compile(rb'\slefthand="[^"]*"')
-_JUNCTION_X: Final = re.compile(rb'(<junction\b[^>]*? x=")(-?[\d.]+)"')
-_DIRECTION: Final = re.compile(rb'\bdir="([lrLRT])"')
-_PROJECTION: Final = re.compile(rb'\bprojParameter="[^"]*"')
-_OTHER_SIDE: Final = {b"l": b"r", b"r": b"l", b"L": b"R", b"R": b"L", b"T": b"t"}
+_SHAPES: Final = ("shape", "outlineShape")  # customShape is a bool
+_OTHER_SIDE: Final = {"l": "r", "r": "l", "L": "R", "R": "L", "T": "t"}
 
 
 def mirror_image(net: bytes) -> bytes:
-    """The mirror image of a SUMO net with left-hand traffic, within the same boundary.
+    """The mirror image of a SUMO net with left-hand traffic, within the same boundary; the net passed `xml_guard.scan`.
 
     The image has no place on the earth: its latitudes and longitudes would be wrong.
+
+    Raises:
+        ValueError: A coordinate is no number.
     """
-    boundary = _BOUNDARY.search(net)
-    both_ends = float(boundary[1]) + float(boundary[2]) if boundary else 0.0
+    boundary, image = _Boundary(), io.BytesIO()
+    xml.sax.parseString(net, boundary)
+    xml.sax.parseString(net, _Mirror(image, boundary.both_ends))
+    return image.getvalue()
 
-    def flipped(x: bytes) -> bytes:
-        return f"{both_ends - float(x) + 0.0:.2f}".encode()
 
-    def flip_shape(match: re.Match[bytes]) -> bytes:
-        points = (point.partition(b",") for point in match[2].split())
-        return match[1] + b'="' + b" ".join(flipped(x) + b"," + rest for x, _, rest in points) + b'"'
+class _Boundary(xml.sax.ContentHandler):
+    """Finds the smallest x and the largest x of a net, and adds them; 0 if it does not say them."""
 
-    net = _ROOT.sub(lambda match: _LEFT_HAND.sub(b"", match[0]), net, count=1)
-    net = _SHAPE.sub(flip_shape, net)
-    net = _JUNCTION_X.sub(lambda match: match[1] + flipped(match[2]) + b'"', net)
-    net = _DIRECTION.sub(lambda match: b'dir="' + _OTHER_SIDE[match[1]] + b'"', net)
-    return _PROJECTION.sub(b'projParameter="!"', net, count=1)
+    def __init__(self) -> None:
+        super().__init__()
+        self.both_ends = 0.0
+
+    def startElement(self, name: str, attrs: AttributesImpl[str]) -> None:  # noqa: N802
+        if name == "location" and "convBoundary" in attrs:
+            left, _, right, _ = attrs["convBoundary"].split(",")
+            self.both_ends = float(left) + float(right)
+
+
+class _Mirror(XMLGenerator):
+    """Writes the mirror image of the net that it is given, in UTF-8 and without comments."""
+
+    def __init__(self, target: io.BytesIO, both_ends: float) -> None:
+        super().__init__(target, encoding="UTF-8", short_empty_elements=True)
+        self.both_ends = both_ends
+
+    def startElement(self, name: str, attrs: AttributesImpl[str]) -> None:  # noqa: N802
+        flipped = {key: self._shape(value) if key in _SHAPES else value for key, value in attrs.items()}
+        if name == "net":
+            flipped.pop("lefthand", None)
+        if name == "location":
+            flipped["projParameter"] = "!"
+        if name == "junction" and "x" in flipped:
+            flipped["x"] = self._x(flipped["x"])
+        if "dir" in flipped:
+            flipped["dir"] = _OTHER_SIDE.get(flipped["dir"], flipped["dir"])
+        super().startElement(name, AttributesImpl(flipped))
+
+    def _shape(self, points: str) -> str:
+        pairs = (point.partition(",") for point in points.split())
+        return " ".join(f"{self._x(x)},{rest}" for x, _, rest in pairs)
+
+    def _x(self, x: str) -> str:
+        return f"{self.both_ends - float(x) + 0.0:.2f}"

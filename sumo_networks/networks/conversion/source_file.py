@@ -109,7 +109,7 @@ class SourceFile:
             decided.append(MIRRORED)
         mirrored_first = self.left_hand and self.kind == "net"
         if mirrored_first:
-            self.plain.write_bytes(mirror_image(self.plain.read_bytes()))
+            self._mirror()
         if self.kind == "net" and self.census.crossings > 0 and not self.options.lights:
             return ConvertedNet(self.plain, None, decided)
         if self.census.nema:
@@ -131,6 +131,12 @@ class SourceFile:
         if self.kind == "net" and self.census.lights:
             chosen += describe_changes(read_programs(self.plain), read_programs(built))
         return ConvertedNet(built, warnings, [*decided, *chosen])
+
+    def _mirror(self) -> None:
+        try:
+            self.plain.write_bytes(mirror_image(self.plain.read_bytes()))
+        except ValueError as error:
+            raise InvalidInputError(f"'{self.file}': its left-hand traffic cannot be mirrored: {error}") from error
 
     def counted(self, network: RoadNetwork, warnings: Sequence[str] | None) -> tuple[str, ...]:
         """Lines about what was guessed: numbers of objects, and netconvert's warnings."""

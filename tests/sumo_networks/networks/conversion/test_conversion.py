@@ -70,8 +70,8 @@ def test_a_net_with_left_hand_traffic_is_driven_only_after_an_import(tmp_path: P
     with pytest.raises(InvalidInputError, match="left-hand traffic, in which dohyo cannot drive"):
         load_network(str(net))
     assert MIRRORED in import_network(net, "left").report.guessed
-    edited = tmp_path / "edited.net.xml"  # as netedit marks junctions, and another spelling of true
-    text = net.read_text().replace(' lefthand="true"', ' lefthand="1"')
+    edited = tmp_path / "edited.net.xml"  # as netedit marks junctions, and another spelling
+    text = net.read_text().replace(' lefthand="true"', " lefthand = '1'")
     edited.write_text(re.sub(r'(<junction id="[^:"][^>]*?)(/?>)', r'\1 customShape="true"\2', text))
     with pytest.raises(InvalidInputError, match="left-hand traffic"):
         load_network(str(edited))
@@ -119,8 +119,10 @@ def test_repairs_on_request(tmp_path: Path) -> None:
 def test_an_endless_light_gets_a_usual_program_and_the_others_keep_theirs(tmp_path: Path) -> None:
     text = TOWN.read_text()
     (first, program), (second, kept) = programs(text)[:2]
-    endless = re.sub(r'duration="\d+"', 'duration="1000"', program, count=1)
-    net = given(tmp_path, "endless.net.xml", text.replace(program, endless))
+    endless = re.sub(r'duration="\d+"', "duration = '1000'", program, count=1)
+    text = text.replace(program, endless)
+    text = text.replace(f'<tlLogic id="{first}" type="static"', f"<tlLogic type='static' id='{first}'")
+    net = given(tmp_path, "endless.net.xml", text)
     faults = [fault for fault in import_network(net, "before").report.faults if fault.kind is FaultKind.LONG_PHASE]
     assert [(fault.name, fault.value) for fault in faults] == [(first, 1000)]
     after = import_network(net, "after", ImportOptions(fix=True)).report
