@@ -173,11 +173,11 @@ def _check_contents(model: _Model, limits: PolicyLimits) -> None:
     """Checks the graph: embedded weights, known operators within the limit, numeric tensors only."""
     if model.external is not None:
         raise PolicyRefusedError(
-            f"tensor '{model.external}' is kept in another file; save all weights inside (external_data=False)"
+            f"tensor {model.external!r} is kept in another file; save all weights inside (external_data=False)"
         )
     if foreign := [domain for domain in model.domains if domain not in DOMAINS]:
         raise PolicyRefusedError(
-            f"it uses operators or functions of the domain '{foreign[0]}'; only those of ai.onnx and ai.onnx.ml are run"
+            f"it uses operators or functions of the domain {foreign[0]!r}; only those of ai.onnx and ai.onnx.ml are run"
         )
     if model.nodes > limits.nodes:
         raise PolicyRefusedError(f"it has {model.nodes} nodes, at most {limits.nodes} are taken")
@@ -193,7 +193,7 @@ def _check_inputs(model: _Model, inputs: tuple[Tensor, ...]) -> None:
     given = {value.name: value for value in model.inputs}
     for tensor in inputs:
         if tensor.name not in given:
-            named = ", ".join(f"'{name}'" for name in given) or "none"
+            named = ", ".join(repr(name) for name in given) or "none"
             raise PolicyRefusedError(f"it has no input '{tensor.name}', of shape {_text(tensor.shape)}; it has {named}")
         _check_tensor(f"input '{tensor.name}'", given[tensor.name], tensor)
 
@@ -201,7 +201,7 @@ def _check_inputs(model: _Model, inputs: tuple[Tensor, ...]) -> None:
 def _check_output(model: _Model, action: Tensor) -> None:
     given = {value.name: value for value in model.outputs}
     if action.name not in given:
-        named = ", ".join(f"'{name}'" for name in given) or "none"
+        named = ", ".join(repr(name) for name in given) or "none"
         raise PolicyRefusedError(f"it has no output '{action.name}', of shape {_text(action.shape)}; it has {named}")
     _check_tensor(f"output '{action.name}'", given[action.name], action)
 
@@ -232,11 +232,11 @@ def _checked_states(model: _Model, limits: PolicyLimits) -> dict[str, tuple[int,
             continue
         follower = NEXT_STATE + value.name.removeprefix(STATE)
         if follower not in outputs:
-            raise PolicyRefusedError(f"input '{value.name}' has no output '{follower}'")
+            raise PolicyRefusedError(f"input {value.name!r} has no output {follower!r}")
         shape = tuple(length for length in value.shape or () if length is not None and length > 0)
         if shape != value.shape:
-            raise PolicyRefusedError(f"input '{value.name}': expected a fixed shape, got {_text(value.shape)}")
-        for what, given in ((f"input '{value.name}'", value), (f"output '{follower}'", outputs[follower])):
+            raise PolicyRefusedError(f"input {value.name!r}: expected a fixed shape, got {_text(value.shape)}")
+        for what, given in ((f"input {value.name!r}", value), (f"output {follower!r}", outputs[follower])):
             if given.shape != shape or given.dtype != "float32":
                 got = f"{given.dtype} of shape {_text(given.shape)}"
                 raise PolicyRefusedError(f"{what}: expected float32 of shape {_text(shape)}, got {got}")
@@ -252,11 +252,11 @@ def _check_extras(model: _Model, inputs: tuple[Tensor, ...], action: Tensor, sta
     fed = {tensor.name for tensor in inputs} | set(states)
     if extra := [value.name for value in model.inputs if value.name not in fed]:
         names = ", ".join(tensor.name for tensor in inputs)
-        raise PolicyRefusedError(f"input '{extra[0]}' is no sensor of this agent ({names}) and no '{STATE}...'")
+        raise PolicyRefusedError(f"input {extra[0]!r} is no sensor of this agent ({names}) and no '{STATE}...'")
     read = {action.name} | {NEXT_STATE + name.removeprefix(STATE) for name in states}
     if extra := [value.name for value in model.outputs if value.name not in read]:
         raise PolicyRefusedError(
-            f"output '{extra[0]}' is neither '{action.name}' nor the '{NEXT_STATE}...' of an input"
+            f"output {extra[0]!r} is neither '{action.name}' nor the '{NEXT_STATE}...' of an input"
         )
 
 

@@ -54,6 +54,22 @@ def test_a_recurrent_model_passes_with_the_shapes_of_its_states() -> None:
     assert check(models.counter()).states == {"state_sum": (1, 2)}
 
 
+FORGED = "x\ndohyo: all is well"
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        models.identity(inputs={**models.SPEEDOMETER, FORGED: (2,)}),
+        models.identity(outputs={**models.ACTION, FORGED: (2,)}),
+        models.identity(inputs={FORGED: (2,)}),
+        models.identity(inputs={**models.SPEEDOMETER, f"state_{FORGED}": (2,)}),
+    ],
+)
+def test_a_line_break_in_a_name_is_told_as_such(model: onnx.ModelProto) -> None:
+    assert r"x\ndohyo: all is well'" in refusal(model)
+
+
 @pytest.mark.parametrize("batch", [1, "batch", None])
 def test_a_leading_batch_dimension_is_allowed(batch: int | str | None) -> None:
     check(models.identity(inputs={"speedometer": (batch, 2)}, outputs={"action": (batch, 2)}))
