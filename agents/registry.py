@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,7 +17,7 @@ from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.families import Family, OtherFamilyError, family_for
 from dohyo.evaluation.settings import Schema, settings_schema
 from dohyo.sumo_networks.config import Config
-from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.errors import DohyoError, InvalidInputError, UnknownNameError
 
 if TYPE_CHECKING:
     from dohyo.evaluation.records.record import AgentInfo, Kind
@@ -84,7 +85,10 @@ def agent_schema(name: str) -> Schema:
         stored: dict[str, Schema] = json.loads(SETTINGS.read_text(encoding="utf-8"))
         if name in stored:
             return stored[name]
-    return settings_schema(load_entry(entry, "agent"))
+    if entry == name:
+        return settings_schema(load_entry(entry, "agent"))
+    with _named(name):
+        return settings_schema(load_entry(entry, "agent"))
 
 
 def write_schemas() -> None:
@@ -94,23 +98,68 @@ def write_schemas() -> None:
     SETTINGS.write_text(json.dumps(schemas, indent=1) + "\n", encoding="utf-8")
 
 
-def agent_views() -> dict[str, AgentView]:
-    """Every registered agent by name. Those of dohyo are declared in agents.toml, so that none is imported.
+def agent_view(name: str) -> AgentView:
+    """A registered agent. Those of dohyo are declared in agents.toml, so that none is imported.
 
     Raises:
-        InvalidInputError: Two installed packages offer the same name, or an agent of another package cannot be made.
+        UnknownNameError: No installed package offers the name.
+        InvalidInputError: Two offer it; or an agent of another package cannot be described.
     """
-    declared = tomllib.loads(DECLARED.read_text(encoding="utf-8"))
-    views = {}
+    entries = agent_entries()
+    if name not in entries:
+        raise UnknownNameError("agent", name, entries)
+    return _view(name, entries[name], _declared())
+
+
+def agent_views(report: Callable[[str], None]) -> dict[str, AgentView]:
+    """All registered agents by name, without those of other packages that cannot be described.
+
+    Args:
+        report: Called with one line for each agent that is left out.
+
+    Raises:
+        InvalidInputError: Two installed packages offer the same name.
+    """
+    declared, views = _declared(), {}
     for name, entry in agent_entries().items():
-        ours = entry.startswith("dohyo.") and name in declared
-        views[name] = AgentView(entry=entry, **(declared[name] if ours else _spec(entry)))
+        try:
+            views[name] = _view(name, entry, declared)
+        except InvalidInputError as error:
+            report(str(error))
     return views
 
 
-def _spec(entry: str) -> dict[str, Any]:
-    """What an agent of another package says of itself; it must be imported."""
-    return describe_agent(entry, {}).model_dump(include={"track", "sensors", "control"})
+def _declared() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(DECLARED.read_text(encoding="utf-8"))
+
+
+def _view(name: str, entry: str, declared: Mapping[str, Mapping[str, Any]]) -> AgentView:
+    if entry.startswith("dohyo.") and name in declared:
+        return AgentView(entry=entry, **declared[name])
+    with _named(name):
+        return _foreign_view(entry)
+
+
+def _foreign_view(entry: str) -> AgentView:
+    """View of an agent of another package: of its class, if it needs settings, else of the agent made without any."""
+    kind = load_entry(entry, "agent")
+    needed = settings_schema(kind)["required"]
+    spec: Any = getattr(kind, "spec", None)
+    if not (needed and hasattr(spec, "control")):
+        spec = describe_agent(entry, {})
+    return AgentView(track=spec.track, sensors=tuple(spec.sensors), control=spec.control, entry=entry)
+
+
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Any error of another package's agent as an InvalidInputError with its registered name and package."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        package = next((one.dist.name for one in entry_points(group=GROUP) if one.name == name and one.dist), None)
+        offered = f"agent '{name}' of package '{package}'" if package else f"agent '{name}'"
+        reason = str(error) if isinstance(error, DohyoError) else f"{type(error).__name__}: {error}"
+        raise InvalidInputError(f"{offered}: {' '.join(reason.split())}") from error
 
 
 def describe_agent(entry: str, settings: Mapping[str, Any], kind: Kind = "local") -> AgentInfo:

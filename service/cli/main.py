@@ -66,9 +66,9 @@ def _print_everything() -> None:
 
 
 def _refuse(reason: str) -> NoReturn:
-    from dohyo.service.cli.output import plain
+    from dohyo.service.cli.output import print_error
 
-    print(f"dohyo: {plain(reason)}", file=sys.stderr)
+    print_error(reason)
     sys.exit(BAD_INPUT)
 
 

@@ -28,6 +28,11 @@ def plain(text: str) -> str:
     return CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
+def print_error(text: str) -> None:
+    """Prints one line on standard error; line breaks, which a stranger's name may hold, become spaces."""
+    print(f"dohyo: {plain(' '.join(text.splitlines()))}", file=sys.stderr)
+
+
 class PlainConsole(Console):
     """Shows strings as they are: no markup, and no control characters, since records and servers are strangers'.
 

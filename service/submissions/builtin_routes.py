@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -9,15 +10,16 @@ from fastapi import APIRouter
 from pydantic import Field
 
 from dohyo.agents.registry import AgentView as RegisteredView
-from dohyo.agents.registry import agent_entries, agent_schema, agent_views
+from dohyo.agents.registry import agent_entries, agent_schema, agent_view, agent_views
 from dohyo.evaluation.settings import Schema, check_against, names_a_path
 from dohyo.service.accounts.access import Reader
 from dohyo.service.errors import NotFoundError
 from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.heavy import heavy_read
 from dohyo.service.web.views import View
-from dohyo.sumo_networks.errors import UnknownNameError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
+logger = logging.getLogger("dohyo.service")
 router = APIRouter(prefix="/v1/builtin-agents", tags=["agents"])
 
 
@@ -37,16 +39,20 @@ class BuiltinAgentView(View):
 @heavy_read
 def list_builtin_agents(caller: Reader) -> list[BuiltinAgentView]:
     """Lists the built-in agents with the schemas of their settings."""
-    return [_view(name, view) for name, view in agent_views().items()]
+    views = agent_views(report=lambda fault: logger.warning("left out of the built-in agents: %s", fault))
+    return [_view(name, view) for name, view in views.items()]
 
 
 @router.get("/{name}", responses=problems(404))
 def get_builtin_agent(name: Name, caller: Reader) -> BuiltinAgentView:
     """One built-in agent."""
-    views = agent_views()
-    if name not in views:
-        raise NotFoundError(str(UnknownNameError("built-in agent", name, views)))
-    return _view(name, views[name])
+    entries = agent_entries()
+    if name not in entries:
+        raise NotFoundError(str(UnknownNameError("built-in agent", name, entries)))
+    try:
+        return _view(name, agent_view(name))
+    except InvalidInputError as error:  # the list leaves it out, too
+        raise NotFoundError(str(error)) from error
 
 
 def check_builtin(name: str, settings: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from dohyo.agents import registry
-from dohyo.agents.registry import GROUP, agent_entries, agent_schema, agent_views, describe_agent, resolve
+from dohyo.agents.registry import GROUP, agent_entries, agent_schema, agent_view, describe_agent, resolve
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.entry import load_entry
 from dohyo.evaluation.settings import check_against, settings_schema
@@ -48,7 +48,7 @@ def test_the_same_agent_offered_twice_is_one(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("name", agent_entries())
 def test_what_is_declared_of_an_agent_is_what_its_class_says(name: str) -> None:
-    view, info = agent_views()[name], describe_agent(resolve(name), {})
+    view, info = agent_view(name), describe_agent(resolve(name), {})
     assert (view.track, view.sensors, view.control) == (info.track, info.sensors, info.control)
 
 
@@ -61,8 +61,8 @@ def test_the_stored_settings_are_those_of_the_constructors() -> None:
 
 def test_an_agent_of_another_package_is_asked_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     offered(monkeypatch, "tests.evaluation.agents:Steady")
-    assert agent_views()["twice"].entry == "tests.evaluation.agents:Steady"
-    assert agent_views()["twice"].control == make_agent("tests.evaluation.agents:Steady").spec.control
+    assert agent_view("twice").entry == "tests.evaluation.agents:Steady"
+    assert agent_view("twice").control == make_agent("tests.evaluation.agents:Steady").spec.control
 
 
 @pytest.mark.parametrize("name", ["ghrl", "griad", "mbappe", "parking", "pdm-hybrid", "priboot", "rlad", "rlfold"])

@@ -6,14 +6,16 @@ from typing import Annotated, Any
 
 import typer
 
-from dohyo.agents.registry import agent_entries, agent_schema, agent_views, resolve
+from dohyo.agents.registry import agent_entries, agent_schema, agent_view, agent_views, resolve
 from dohyo.evaluation.settings import expected
-from dohyo.service.cli.output import Json, print_json, print_rows
+from dohyo.service.cli.output import Json, print_error, print_json, print_rows
+from dohyo.service.cli.own_modules import find_own_modules
+from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def list_agents(json: Json = False) -> None:
     """Lists the registered agents."""
-    views = agent_views()
+    views = agent_views(report=lambda fault: print_error(f"left out: {fault}"))
     if json:
         print_json(
             [
@@ -32,15 +34,26 @@ def show(
     name: Annotated[str, typer.Argument(help="A registered name, or module:Class of your own.")], json: Json = False
 ) -> None:
     """Shows the settings of an agent: types, ranges and defaults."""
+    if ":" in name:
+        find_own_modules()
     schema = agent_schema(name)
     if json:
-        declared = agent_views()[name].model_dump(mode="json") if name in agent_entries() else {"entry": resolve(name)}
-        print_json({"name": name, **declared, "settings": schema})
+        print_json({"name": name, **_declared(name), "settings": schema})
         return
     print_rows(
         ("setting", "takes", "default", ""),
         [(key, expected(one), _default(one), one.get("description", "")) for key, one in schema["properties"].items()],
     )
+
+
+def _declared(name: str) -> dict[str, Any]:
+    """What is known of an agent without settings; of one that cannot be described, its entry."""
+    if name in agent_entries():
+        try:
+            return agent_view(name).model_dump(mode="json")
+        except InvalidInputError as error:
+            print_error(f"only its settings are known: {error}")
+    return {"entry": resolve(name)}
 
 
 def _default(setting: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from dohyo.agents.registry import agent_entries
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.service.policies.agent import OnnxPolicy
 from dohyo.service.submissions import installed
+from tests.agents.packages import install_lab
 from tests.service.harness import Caller, Harness, assert_problem
 from tests.service.policies.models import identity
 
@@ -165,6 +166,19 @@ def test_built_in_agents_are_listed_with_their_settings(team: Caller) -> None:
     assert "rules" not in listed["rules"]["settings"]["properties"], "a stranger names no folder of the server"
     assert team.get("/v1/builtin-agents/reckless").json() == listed["reckless"]
     assert_problem(team.get("/v1/builtin-agents/recless"), 404, "did you mean 'reckless'")
+
+
+def test_an_agent_that_cannot_be_described_hides_no_other(
+    team: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    dohyos = agent_entries().keys()
+    install_lab(tmp_path, monkeypatch)
+    assert {one["name"] for one in team.get("/v1/builtin-agents").json()} == dohyos | {"lab-open"}
+    assert [one.partition(": ")[2].partition(":")[0] for one in caplog.messages if "left out" in one] == [
+        "agent 'lab-closed' of package 'old-lab'", "agent 'lab-gone' of package 'old-lab'"
+    ]  # fmt: skip
+    assert team.get("/v1/builtin-agents/autopilot").status_code == 200
+    assert_problem(team.get("/v1/builtin-agents/lab-closed"), 404, "'lab-closed' of package 'old-lab'")
 
 
 def test_a_strangers_module_is_never_imported(team: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
