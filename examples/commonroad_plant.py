@@ -9,7 +9,6 @@ The last argument is the speed to keep, m/s, at least 4. A pure-pursuit driver f
 from __future__ import annotations
 
 import math
-import sys
 from typing import Any
 
 from scipy.integrate import odeint
@@ -17,7 +16,7 @@ from vehiclemodels.init_mb import init_mb
 from vehiclemodels.parameters_vehicle1 import parameters_vehicle1
 from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
-from world_worker import leave, post
+from world_worker import leave, post, run, speed_of, told
 
 STEERING_GAIN = 5.0  # 1/s
 SPEED_GAIN = 1.5  # 1/s
@@ -27,12 +26,13 @@ SLOWEST_MPS = 3.0  # the tyres of the multi-body model need a motion; below, Com
 class Plant:
     """A Ford Escort: position, steering angle, speed and heading; from 3 m/s on also the other 24 states."""
 
-    def __init__(self, x_m: float, y_m: float, heading_rad: float) -> None:
-        """Begins at rest, with the centre of the box at x, y."""
+    def __init__(self, ego: dict[str, Any]) -> None:
+        """Begins where the ego is and as fast, by its row among the actors of the world."""
         self.parameters = parameters_vehicle1()
         self.ahead_m = 0.5 * (self.parameters.b - self.parameters.a)  # from the box's centre to the centre of mass
-        x, y = x_m + self.ahead_m * math.cos(heading_rad), y_m + self.ahead_m * math.sin(heading_rad)
-        self.state: list[float] = [x, y, 0.0, 0.0, heading_rad]
+        heading = ego["heading_rad"]
+        x, y = ego["x_m"] + self.ahead_m * math.cos(heading), ego["y_m"] + self.ahead_m * math.sin(heading)
+        self.state: list[float] = [x, y, 0.0, ego["speed_mps"], heading]
 
     @property
     def multi_body(self) -> bool:
@@ -67,16 +67,19 @@ class Plant:
 
 def main() -> None:
     """Joins a world, and simulates the ego's vehicle until its drive has ended."""
-    server, token, world, ego, speed = sys.argv[1:]
+    server, token, world, ego, speed = told("SERVER TOKEN WORLD EGO SPEED")
+    speed_mps = speed_of(speed)
     asked = {"name": f"plant-{ego}", "egos": [ego], "sensors": ["route"], "control": "pose", "coupled": True}
     seat = post(f"{server}/v1/worlds/{world}/join", token, asked)
-    (at,) = [one for one in seat["actors"] if one["name"] == f"ego:{ego}"]
-    plant = Plant(at["x_m"], at["y_m"], at["heading_rad"])
     print(f"{ego} is simulated from tick {seat['tick']}", flush=True)
     reply: dict[str, Any] = seat | {"done": False}
+    resets = -1
     try:
         while not reply["done"]:
-            plant.advance(plant.steering_to(reply["observations"][ego]["route"]), float(speed), seat["dt_s"])
+            if reply["resets"] != resets:  # at the beginning, and when the world has begun anew
+                (row,) = [one for one in reply["actors"] if one["name"] == f"ego:{ego}"]
+                plant, resets = Plant(row), reply["resets"]
+            plant.advance(plant.steering_to(reply["observations"][ego]["route"]), speed_mps, seat["dt_s"])
             step = {"tick": reply["tick"], "resets": reply["resets"], "actions": {ego: plant.pose}}
             reply = post(f"{server}/v1/seats/{seat['seat']}/step", seat["token"], step)
     finally:  # also at Ctrl-C: the world would wait for a pose at each tick
@@ -85,4 +88,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

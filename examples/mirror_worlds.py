@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from world_worker import leave, post
+from world_worker import leave, post, run, told
 
 Reply = dict[str, Any]
 
@@ -18,10 +18,10 @@ Reply = dict[str, Any]
 class Side:
     """A place in one of the worlds."""
 
-    def __init__(self, server: str, token: str, world: str) -> None:
-        """Joins the world."""
-        asked = {"name": "mirror", "coupled": True}
-        self.server, self.seat = server, post(f"{server}/v1/worlds/{world}/join", token, asked)
+    def __init__(self, server: str, token: str, world: str, other: str) -> None:
+        """Joins the world, by a name of this pair: a world may have several mirrors."""
+        asked = {"name": f"mirror-{other}", "coupled": True}
+        self.world, self.server, self.seat = world, server, post(f"{server}/v1/worlds/{world}/join", token, asked)
         self.reply: Reply = self.seat | {"done": False}
         self.there: set[str] = set()
 
@@ -35,7 +35,8 @@ class Side:
 
     def egos(self) -> list[Reply]:
         """Egos of this world as actors for the other one."""
-        return [row | {"name": f"mirrored:{row['name']}"} for row in self.reply["actors"] if row["role"] == "ego"]
+        rows = [row for row in self.reply["actors"] if row["role"] == "ego"]
+        return [row | {"name": f"mirrored:{self.world}:{row['name']}"} for row in rows]
 
     def step(self, egos: list[Reply]) -> None:
         """Puts the egos of the other world, and waits for the next tick."""
@@ -48,9 +49,11 @@ class Side:
 
 def main() -> None:
     """Mirrors until the egos of one world have ended their drives, and leaves both."""
-    told = sys.argv[1:]
-    one, other = (told[:3], told[3:]) if len(told) == 6 else (told[:3], [*told[:2], told[3]])
-    with Side(*one) as first, Side(*other) as second:
+    given = told("SERVER TOKEN WORLD OTHER_WORLD", "SERVER TOKEN WORLD OTHER_SERVER OTHER_TOKEN OTHER_WORLD")
+    one, other = given[:3], given[3:] if len(given) == 6 else [*given[:2], given[3]]
+    if (one[0], one[2]) == (other[0], other[2]):
+        sys.exit(f"expected two different worlds, got {one[2]} twice")
+    with Side(*one, other[2]) as first, Side(*other, one[2]) as second:
         print("mirrored", flush=True)
         while not (first.reply["done"] or second.reply["done"]):
             seen = first.egos(), second.egos()
@@ -59,4 +62,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -16,6 +16,7 @@ import pytest
 
 from dohyo.evaluation.agent import Mission
 from dohyo.sumo_networks.scenario import Place, Scenario, Traffic
+from tests.service.serving import Served
 from tests.service.worlds import fake_carla
 from tests.service.worlds.clients import PATIENCE_S, Client
 
@@ -40,7 +41,7 @@ def started(client: Client, example: str, *arguments: str) -> subprocess.Popen[s
     command = [sys.executable, str(EXAMPLES / example), client.url, client.token, *arguments]
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores Ctrl-C
     try:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     finally:
         signal.signal(signal.SIGINT, before)
     assert process.stdout is not None
@@ -97,7 +98,93 @@ def test_two_worlds_mirror_each_others_egos(client: Client) -> None:
     paths = [trajectory(client, world) for world in (standing, driving)]
     assert paths[1]["lateral"].abs().max() > 1.5, "it passes the leader, who is in the other world"
     seen = [set(path["name"]) for path in paths]
-    assert seen == [{"leader", "external:mirrored:ego:follower"}, {"follower", "external:mirrored:ego:leader"}]
+    mirrored = [f"external:mirrored:{world}:ego:{ego}" for world, ego in ((driving, "follower"), (standing, "leader"))]
+    assert seen == [{"leader", mirrored[0]}, {"follower", mirrored[1]}]
+
+
+def test_a_world_has_several_mirrors(client: Client, served: Served) -> None:
+    other = Client(served, served.ask("POST", "/v1/tokens", {"owner": "other", "role": "submitter"})["token"])
+    sides = [
+        (one, made(one, street("ego", start), undriven="stand"))
+        for one, start in ((client, 38.0), (client, 8.0), (other, 23.0))  # an owner has at most two worlds
+    ]
+    (_, first), *rest = sides
+    mirrors = [started(client, "mirror_worlds.py", first, one.url, one.token, world) for one, world in rest]
+    for one, world in sides:
+        one.order(world, "resume")
+    for (one, world), shown in zip(sides, (2, 1, 1), strict=True):
+        assert one.until(world, lambda found: found["tick"] > 3)["actors"] == shown
+    assert [mirror.poll() for mirror in mirrors] == [None, None]
+    for mirror in mirrors:
+        mirror.send_signal(signal.SIGINT)
+        mirror.wait(PATIENCE_S)
+    other.order(rest[1][1], "end")
+
+
+def test_a_plant_that_was_killed_is_started_again_as_fast_as_its_ego(client: Client) -> None:
+    world = made(client, street("ego", 8.0))
+    client.order(world, "pause")
+    killed = started(client, "commonroad_plant.py", world, "ego", "8.0")
+    client.order(world, "step", {"ticks": 20})
+    client.until(world, lambda found: found["tick"] == 20)
+    killed.kill()
+    killed.wait()
+    again = started(client, "commonroad_plant.py", world, "ego", "8.0")
+    client.order(world, "resume")
+    assert again.wait(PATIENCE_S) == 0
+    client.until(world, lambda found: found["finished"] is not None)
+    speeds = trajectory(client, world)["speed"]
+    assert speeds[20] > 6.0
+    assert speeds.diff().abs().max() < 1.5, "no more than 15 m/s^2"
+
+
+@pytest.mark.parametrize(
+    ("example", "in_time"), [("commonroad_plant.py", True), ("commonroad_plant.py", False), ("world_worker.py", False)]
+)
+def test_an_example_goes_on_in_a_world_that_begins_anew(example: str, in_time: bool, client: Client) -> None:
+    world = made(client, street("ego", 8.0))
+    client.order(world, "pause")
+    process = started(client, example, world, *["worker"] * (example == "world_worker.py"), "ego", "8.0")
+    client.order(world, "step", {"ticks": 10})
+    client.until(world, lambda found: found["tick"] == 10)
+    if not in_time:  # the next step is of the run before
+        process.send_signal(signal.SIGSTOP)
+        client.order(world, "resume")
+        time.sleep(0.5)
+    client.order(world, "reset", {})
+    process.send_signal(signal.SIGCONT)
+    client.order(world, "resume")
+    assert process.wait(PATIENCE_S) == 0, process.communicate()[1]
+    ended = client.until(world, lambda found: found["finished"] is not None)
+    assert (ended["status"], ended["resets"]) == ("done", 1)
+
+
+NOBODY = "http://127.0.0.1:9"
+WHO = ("token", "wo-1", "me", "ego")
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (("world_worker.py",), "usage: "),
+        (("world_worker.py", NOBODY, *WHO, "fast"), "expected a speed in m/s, got 'fast'"),
+        (
+            ("world_worker.py", NOBODY, *WHO, "8"),
+            f"no answer from {NOBODY}/v1/worlds/wo-1/join",
+        ),
+        (("world_worker.py", "127.0.0.1:9", *WHO, "8"), "unknown url type"),
+        (("world_worker.py", "here", *WHO, "8"), "unknown url type"),
+        (("mirror_worlds.py",), "usage: "),
+        (("mirror_worlds.py", NOBODY, "token", "wo-1", "wo-1"), "expected two different worlds, got wo-1 twice"),
+        (("commonroad_plant.py",), "usage: "),
+    ],
+)
+def test_a_mistake_in_the_command_is_told_without_a_traceback(command: tuple[str, ...], message: str) -> None:
+    example, *arguments = command
+    done = subprocess.run([sys.executable, EXAMPLES / example, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("example", ["mirror_worlds.py", "world_worker.py", "commonroad_plant.py"])
@@ -115,6 +202,7 @@ def test_an_example_leaves_its_worlds_at_ctrl_c(example: str, client: Client) ->
         client.until(world, lambda found: found["tick"] > 3)
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) != 0
+    assert process.communicate()[1] == "ended by Ctrl-C\n"
     for world in worlds:
         assert [ego["driver"] for ego in client.get(world)["egos"]] == [None]
         assert others_in(client, world) == []
