@@ -9,6 +9,7 @@ the mean of the eight.
 
 from __future__ import annotations
 
+import logging
 import sys
 
 import numpy as np
@@ -25,10 +26,23 @@ def forecast(history: np.ndarray) -> np.ndarray:
     return np.stack([last + share * (mean - last) for share in TOWARDS_MEAN])
 
 
+class Changed(logging.Filter):
+    """Lets a line pass unless the one before said the same: during a restart of the service, each try gives one."""
+
+    last = ""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it is another line."""
+        before, self.last = self.last, record.getMessage()
+        return self.last != before
+
+
 def main() -> None:
     """Forecasts the given number of days, or runs until it is stopped."""
     url, token, agent, *rest = sys.argv[1:]
     left = int(rest[0]) if rest else -1
+    logging.basicConfig(format=f"{url}: %(message)s")
+    logging.getLogger("dohyo.worker").addFilter(Changed())
     with WorkerSession(url, token, agent) as session:
         while left:
             drive = session.next_drive()  # waits, also for a service that is restarted
@@ -38,7 +52,7 @@ def main() -> None:
             except BadActionError:  # a fault of this program
                 raise
             except (UnreachableError, WireError) as error:  # the episode is lost, such as by a restart
-                print(error, flush=True)
+                print(f"{url}: {error}", flush=True)
                 continue
             if drive.directive != "abort":  # neither cancelled nor ended by the service
                 print(f"a day until {drive.time_s / 3600:.2f} h", flush=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import os
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
@@ -15,17 +17,50 @@ from tests.forked import Python, dohyo
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("learn_*.py"))
 LINES_AT_MOST = 20
+SCRIPT = "import runpy, sys; sys.argv.pop(0); runpy.run_path(sys.argv[0], run_name='__main__')"
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_learns_from_a_few_steps(example: Path, tmp_path: Path) -> None:
-    script = "import runpy, sys; sys.argv.pop(0); runpy.run_path(sys.argv[0], run_name='__main__')"
-    process = Python(script, str(example), "64", cwd=tmp_path, env=ENVIRONMENT)
+    process = Python(SCRIPT, str(example), "64", cwd=tmp_path, env=ENVIRONMENT)
     assert process.end() == 0, process.errors()[-2000:]
     said = process.output()
     assert "mean reward" in said or "ep_rew_mean" in said or "total_timesteps" in said
+
+
+def test_a_loop_without_steps_is_refused() -> None:
+    process = Python(SCRIPT, "examples/learn_plain.py", "0", env=ENVIRONMENT)
+    assert process.end() == 1
+    assert process.errors() == "expected at least one step, got 0\n"
+
+
+class Restarting(BaseHTTPRequestHandler):
+    """A proxy before a service that is restarted."""
+
+    tries = 0
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["content-length"]))
+        self.send_error(503)
+        Restarting.tries += 1
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_a_forecaster_says_once_why_it_waits_and_for_whom() -> None:
+    with HTTPServer(("127.0.0.1", 0), Restarting) as proxy:
+        threading.Thread(target=proxy.serve_forever).start()
+        url = f"http://127.0.0.1:{proxy.server_port}"
+        process = Python(SCRIPT, "examples/forecaster.py", url, "token", "mine", env=ENVIRONMENT)
+        process.wait_for(lambda: Restarting.tries >= 4)
+        process.kill()
+        process.end()
+        proxy.shutdown()
+    (line,) = process.errors().splitlines()
+    assert line.startswith(f"{url}: ")
 
 
 def test_an_example_fits_twenty_lines() -> None:
