@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
+import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
-from typing import Annotated, Literal
+from types import FrameType
+from typing import Annotated, Final, Literal
 
 import numpy as np
 import polars as pl
@@ -38,6 +42,8 @@ HARD_START_S, HARD_MINUTES = 6.0 * 3600, 440
 HARD_DEMAND = (1.04, 1.06, 1.08, 1.10)
 """Demand factors of congested mornings in turn; each morning is congested for hours."""
 HARD_PEAK_WIDTH = 1.5
+INTERRUPTED: Final = 130
+"""Exit code of a process that was interrupted while it made a day."""
 
 
 class DatasetRequest(Config):
@@ -145,20 +151,45 @@ def make_dataset(
     there = len(days) - len(missing)
     progress(there, len(days), 0.0)
     if workers > 1 and len(missing) > 1:
-        # SUMO is global in a process: one day at a time in each.
-        with worker_pool(min(workers, len(missing)), _make) as pool:
-            ends = [pool.submit(_make, day, folder) for day in missing]
-            try:
-                for done, end in enumerate(as_completed(ends), start=there + 1):
-                    end.result()
-                    progress(done, len(days), 0.0)
-            finally:
-                pool.shutdown(cancel_futures=True)
+        _make_in_processes(missing, folder, workers, lambda made: progress(there + made, len(days), 0.0))
         return len(missing)
     for done, day in enumerate(missing, start=there):
         _make(day, folder, partial(progress, done, len(days)))
         progress(done + 1, len(days), 0.0)
     return len(missing)
+
+
+def _make_in_processes(missing: list[DayOrder], folder: Path, workers: int, tell: Callable[[int], None]) -> None:
+    """Makes days in processes, one at a time in each, since SUMO is global; an interruption ends the processes."""
+    others = set(active_children())
+    pool = worker_pool(min(workers, len(missing)), _make_unless_interrupted)
+    try:
+        ends = [pool.submit(_make_unless_interrupted, day, folder) for day in missing]
+        for made, end in enumerate(as_completed(ends), start=1):
+            end.result()
+            tell(made)
+    except KeyboardInterrupt:
+        for process in set(active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _make_unless_interrupted(day: DayOrder, folder: Path) -> None:
+    """Makes a day in a process of a pool, which SIGTERM and Ctrl-C end; what it has begun to write is removed."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        _make(day, folder)
+    except KeyboardInterrupt:
+        os._exit(INTERRUPTED)  # the pool would give it the next day
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    signal.signal(number, signal.SIG_IGN)  # the pool sends it once more to all when one of them has ended
+    raise KeyboardInterrupt
 
 
 def make_day(order: DatasetRequest, folder: Path, split: Split, number: int) -> Path:

@@ -14,6 +14,7 @@ from dohyo.agents.mcts.predictors.recording import TRAINING, MotionRequest, reco
 from dohyo.agents.priboot.recording.record import record_moments
 from dohyo.agents.priboot.recording.scenarios import MomentRequest
 from dohyo.service.cli.output import console
+from dohyo.service.cli.progress import ended_by_sigterm
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
 
 
@@ -105,5 +106,6 @@ def freeway(
         def tell(done: int, of: int, share: float) -> None:
             progress.update(bar, completed=done + share, total=of)
 
-        made = make_dataset(order, out, tell, workers)
+        with ended_by_sigterm():
+            made = make_dataset(order, out, tell, workers)
     console.print(f"{made} days made: {out.resolve()}")

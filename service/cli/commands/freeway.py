@@ -10,7 +10,7 @@ from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder, l
 from dohyo.evaluation.freeway.page import finding, unit_word, write_page
 from dohyo.evaluation.freeway.result import FreewayResult, rows
 from dohyo.service.cli.output import DASH, console, interval, number, print_json, print_rows
-from dohyo.service.cli.progress import ProgressBar
+from dohyo.service.cli.progress import ProgressBar, ended_by_sigterm
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.dataset import make_dataset
 
@@ -31,7 +31,7 @@ def evaluate_on_freeway(
 
         if seeds is not None:
             raise InvalidInputError(f"benchmark '{found.name}' has fixed days: leave out --seeds")
-        with ProgressBar(f"days of {found.name}", hidden=as_json) as bar:
+        with ended_by_sigterm(), ProgressBar(f"days of {found.name}", hidden=as_json) as bar:
             result = evaluate_forecaster(found, agent, settings, folder, workers, _days(bar))
     else:
         from dohyo.agents.speed_planning.benchmark import evaluate_controller
@@ -53,7 +53,7 @@ def prepare_days(benchmark: str, workers: int) -> None:
         raise InvalidInputError(
             f"benchmark '{found.name}' has nothing to prepare: its mornings are simulated during the evaluation"
         )
-    with ProgressBar(f"days of {found.name}") as bar:
+    with ended_by_sigterm(), ProgressBar(f"days of {found.name}") as bar:
         made = make_dataset(found.order, days_folder(found), _days(bar), workers)
     console.print(f"{made} made, {found.number - made} kept, in {days_folder(found)}")
 

@@ -12,7 +12,7 @@ from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
 from dohyo.evaluation.families import Family
 from dohyo.service.cli.commands.freeway import prepare_days
 from dohyo.service.cli.output import console
-from dohyo.service.cli.progress import ProgressBar
+from dohyo.service.cli.progress import ProgressBar, ended_by_sigterm
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.processes import usable_processors
 from dohyo.sumo_networks.simulation.traffic_log import logs_folder
@@ -37,7 +37,7 @@ def _prepare_logs(name: str, workers: int) -> None:
     """Makes the missing logs of a benchmark's recorded runs."""
     benchmark = load_benchmark(name)
     scenarios = benchmark.scenarios([0])
-    with ProgressBar(f"logs of {name}") as bar:
+    with ended_by_sigterm(), ProgressBar(f"logs of {name}") as bar:
         made = prepare_logs(scenarios, benchmark.reference_agent, workers, bar)
     logs = sum(scenario.log is not None for scenario in scenarios)
     console.print(f"{made} made, {logs - made} kept, in {logs_folder()}")
