@@ -62,7 +62,7 @@ class DayRecord(FreewayRecord):
 
     Attributes:
         scenario: Day that was forecast.
-        measures: Errors by the keys of `METRICS`; none after a failure.
+        measures: Errors by the keys of `METRICS`, `rmse_1` to `rmse_3` squared, km^2/h^2; none after a failure.
         forecasts: Number of forecasts that the forecaster made.
         forecasts_sha256: Hash of all forecasts, float32 (forecasts, 3, N), m/s; "" after a failure.
         versions: Versions of dohyo and SUMO, and the hash of the network.

@@ -42,7 +42,11 @@ class EpisodeView(View):
     ]
     record_hash: Annotated[str | None, Field(description="Content hash of its record; null where withheld.")]
     summary: Annotated[
-        dict[str, Any] | None, Field(description="Scores and counts per ego, from the record; null where withheld.")
+        dict[str, Any] | None,
+        Field(
+            description="Scores and counts per ego, from the record; null where withheld. In `forecast` of a day, "
+            "`rmse_1` to `rmse_3` are squares in km^2/h^2: the scores of an evaluation are roots of their means."
+        ),
     ]
     failure: Annotated[str | None, Field(description="Why it was lost; null unless it is, and where withheld.")]
     started: Annotated[datetime | None, Field(description="Start of the last attempt; null where withheld.")]
