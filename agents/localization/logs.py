@@ -7,6 +7,7 @@ each, m. Wheel speeds: t, v (m/s).
 
 from __future__ import annotations
 
+import csv
 import logging
 import math
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ EARLY_SAMPLES = 10
 MAX_SPEED_MPS = 80.0
 START_S = 20.0
 """Length of a start, of whose fixes the errors count as equal."""
+SEPARATORS = {";": "';'", "\t": "a tab"}
+"""Of columns in other logs than ours."""
 STANDING_RATE = 0.5
 """Upper bound of a gyroscope's offset, rad/s."""
 
@@ -208,9 +211,12 @@ def _turns(imu: ImuLog, gnss: PositionLog) -> tuple[FloatArray, FloatArray]:
 def _header(path: Path) -> set[str]:
     try:
         with path.open(encoding="utf-8-sig") as file:
-            return {name.strip() for name in file.readline().split(",")}
-    except (OSError, UnicodeDecodeError) as error:
+            names = next(csv.reader([file.readline()]), [])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InvalidInputError(f"cannot read '{path}': {error}") from error
+    if len(names) == 1 and (found := [told for separator, told in SEPARATORS.items() if separator in names[0]]):
+        raise InvalidInputError(f"'{path}': expected columns separated by commas, got {found[0]} in line 1")
+    return {name.strip() for name in names}
 
 
 def _read(path: Path, names: tuple[str, ...]) -> FloatArray:

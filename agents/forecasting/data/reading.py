@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from dohyo.agents.forecasting.data.csv_table import read_csv, whole_lines
 from dohyo.agents.forecasting.data.dates import is_numeric, year_first
 from dohyo.agents.forecasting.data.grid import Grid, Rows, on_grid
 from dohyo.agents.forecasting.data.speed_table import (
@@ -35,7 +37,6 @@ UNITS_S = (1e-9, 1e-6, 1e-3, 1.0, 60.0)
 """Units of columns of numbers, s."""
 OTHER_STEP = 4.0
 """Largest factor between the step of the rows and the one that was given by which a unit is still recognised."""
-NULLS = ["", "nan", "NaN", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,29 +223,13 @@ def _read_rows(path: Path, how: Format) -> Rows:
 
 
 def _frame(path: Path, how: Format) -> pl.DataFrame:
-    readers = {".csv": lambda: _csv(path, how), ".parquet": lambda: pl.read_parquet(path)}
+    readers = {".csv": lambda: read_csv(path, how.growing), ".parquet": lambda: pl.read_parquet(path)}
     if path.suffix.lower() not in readers:
         raise InvalidInputError(f"'{path}': expected a .csv or .parquet file")
     try:
         return readers[path.suffix.lower()]()
-    except (pl.exceptions.PolarsError, OSError) as error:
+    except (pl.exceptions.PolarsError, OSError, csv.Error) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {str(error).splitlines()[0]}") from error
-
-
-def _csv(path: Path, how: Format) -> pl.DataFrame:
-    lines = _whole_lines(path, how.growing)
-    first = lines.partition(b"\n")[2].partition(b",")[0].strip(b'" ').decode(errors="replace")
-    parse = not is_numeric(first)  # polars takes the day as first whatever the other rows say
-    return pl.read_csv(lines, infer_schema_length=None, null_values=NULLS, try_parse_dates=parse)
-
-
-def _whole_lines(path: Path, growing: bool) -> bytes:
-    """A file without an incomplete last row, which a logger may be about to write."""
-    whole, newline, last = path.read_bytes().rpartition(b"\n")
-    if growing:
-        return whole + newline
-    complete = not newline or (last.count(b",") == whole.partition(b"\n")[0].count(b",") and not last.endswith(b","))
-    return whole + newline + last if complete else whole + newline
 
 
 def _is_time(column: pl.Series) -> bool:
@@ -350,7 +335,7 @@ def _offset_s(path: Path, column: pl.Series, how: Format) -> float | None:
         return None
     last = column[-1]
     if path.suffix.lower() == ".csv":  # polars keeps no offset
-        line = _whole_lines(path, how.growing).rstrip().rpartition(b"\n")[2]
+        line = whole_lines(path, how.growing).rstrip().rpartition(b"\n")[2]
         try:
             last = datetime.fromisoformat(line.partition(b",")[0].strip(b'" ').decode(errors="replace"))
         except ValueError:

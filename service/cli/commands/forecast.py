@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -50,7 +50,7 @@ Learn = Annotated[
     str | None, typer.Option(help="Days of a folder to learn from: train, or its mornings. [default: train]")
 ]
 FigureFile = Annotated[
-    Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it if chromium is installed.")
+    Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it with chromium and playwright.")
 ]
 KEPT_UNIT = "km/h"
 
@@ -99,8 +99,8 @@ def fit(
             train, validation, lambda done, total, error: progress.update(bar, completed=done, total=total, error=error)
         )
     written = _write(forecaster, out) if out else []
-    written += _draw(forecaster, table, table.measured_sets[0], unit, figure)
-    _report(forecaster, table, table.measured_sets, json, written)
+    draw = partial(_draw, forecaster, table, table.measured_sets[0], unit, figure)
+    _report(forecaster, table, table.measured_sets, json, written, draw)
 
 
 def evaluate(
@@ -127,7 +127,7 @@ def evaluate(
     forecaster = _loaded(model, len(table.segments), table.step_s, table.source)
     table = in_order(table, forecaster, model, table.source)
     chosen = sets.split(",") if sets else table.measured_sets
-    _report(forecaster, table, chosen, json, _draw(forecaster, table, chosen[0], unit, figure))
+    _report(forecaster, table, chosen, json, [], partial(_draw, forecaster, table, chosen[0], unit, figure))
 
 
 def run(
@@ -172,8 +172,10 @@ def run(
 
     for grid, forecast in followed(read, load, every, idle) if follow else once():
         written = append_forecast(out, forecast, unit) if out else []
+        _show(forecast, unit, grid.notes, json)
         written += _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
-        _show(forecast, unit, grid.notes, written, json)
+        if not json:
+            _print_written(written)
 
 
 def _format(
@@ -233,7 +235,7 @@ def _write_figure(drawn: Any, path: Path | None) -> list[Path]:
     return write_page(drawn, path, "Forecast")
 
 
-def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence[Path], as_json: bool) -> None:
+def _show(forecast: Forecast, unit: str, notes: Sequence[str], as_json: bool) -> None:
     """Prints one forecast."""
     from dohyo.agents.forecasting.data.speed_table import UNITS
 
@@ -261,7 +263,10 @@ def _show(forecast: Forecast, unit: str, notes: Sequence[str], written: Sequence
         )
     for note in notes:
         console.print(note)
-    for path in written:
+
+
+def _print_written(paths: Sequence[Path]) -> None:
+    for path in paths:
         console.print(f"written: {path.resolve()}")
 
 
@@ -301,9 +306,14 @@ def _exports(forecaster: Forecaster) -> TypeGuard[Learned | Quantiles]:
 
 
 def _report(
-    forecaster: Forecaster, table: SpeedData, sets: Sequence[str], as_json: bool, written: Sequence[Path]
+    forecaster: Forecaster,
+    table: SpeedData,
+    sets: Sequence[str],
+    as_json: bool,
+    written: Sequence[Path],
+    draw: Callable[[], list[Path]],
 ) -> None:
-    """Errors by set and forecast row, with those of persistence."""
+    """Prints errors by set and forecast row, with those of persistence, then draws, since a browser may take long."""
     from dohyo.agents.forecasting.data.windows import make_windows
     from dohyo.agents.forecasting.simple import Persistence
 
@@ -316,14 +326,13 @@ def _report(
         found[name] = {"windows": len(windows), "stretches": days, "free_mps": free_mps}
         for label, one in {forecaster_name(forecaster): forecaster, simple.name: simple}.items():
             found[name][label] = _measured(one, windows, free_mps)
-    if as_json:
-        facts = {"segments": len(table.segments), "step_s": table.step_s, "missing": table.missing}
-        paths = [str(path.resolve()) for path in written]
-        print_json({**facts, "notes": list(table.notes), "sets": found, "written": paths})
+    if not as_json:
+        _print_errors(table, found)
+        _print_written([*written, *draw()])
         return
-    _print_errors(table, found)
-    for path in written:
-        console.print(f"written: {path.resolve()}")
+    facts = {"segments": len(table.segments), "step_s": table.step_s, "missing": table.missing}
+    paths = [str(path.resolve()) for path in (*written, *draw())]
+    print_json({**facts, "notes": list(table.notes), "sets": found, "written": paths})
 
 
 def _free_mps(forecaster: Forecaster, table: SpeedData) -> float:

@@ -82,7 +82,7 @@ def localize(
     wheel_speed: Annotated[Path | None, typer.Option(help="CSV: t, v (m/s), the car's speed by its wheels.")] = None,
     track: Annotated[Path | None, typer.Option(help="Write the track as CSV: t, x, y, heading, sigma_x, ...")] = None,
     figure: Annotated[
-        Path | None, typer.Option(help="Write the track as a figure, *.html; a PNG beside it if chromium is installed.")
+        Path | None, typer.Option(help="Write its figure, *.html; a PNG beside it with chromium and playwright.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Write an HTML report with the track.")] = None,
     config: Annotated[Path | None, typer.Option(help="TOML file of the settings, which the options change.")] = None,
@@ -133,14 +133,19 @@ def localize(
     title = f"Localization: {imu.name}"
     if track:
         write_track(track, result.best, result.gnss.origin)
-    written = [track.resolve()] if track else []
-    if figure:
-        drawn = _track_figure(result).update_layout(width=FIGURE_PX)
-        written += [path.resolve() for path in write_page(drawn, figure, title)]
     if out:
         _write_report(out, title, result)
-        written.append(out.resolve())
-    _report(result, written, json)
+    if not json:
+        _print(result)
+    written = [path.resolve() for path in (track, out) if path]
+    if figure:  # last, since a browser may take long
+        drawn = _track_figure(result).update_layout(width=FIGURE_PX)
+        written += [path.resolve() for path in write_page(drawn, figure, title)]
+    if json:
+        print_json(_document(result, written))
+    else:
+        for path in written:
+            console.print(f"written: {path}")
     if strict and result.warnings:
         raise typer.Exit(3)
 
@@ -173,20 +178,26 @@ def _localized(
     )
 
 
-def _report(result: Result, written: Sequence[Path], as_json: bool) -> None:
-    """Prints facts, warnings and what was written."""
+def _measured(result: Result) -> tuple[dict[str, float], dict[str, float]]:
+    """Facts of the filter's track, and scores of the smoother's."""
     facts = _facts(result.track, result.truth) | _timing(result.track, result.imu, result.gnss)
-    late = {} if result.smoothed is None else _facts(result.smoothed, result.truth)
-    if as_json:
-        warnings = [{"code": one.code, "text": one.text} for one in result.warnings]
-        print_json({**facts, "smoothed": late, "warnings": warnings, "written": [str(path) for path in written]})
-        return
+    return facts, {} if result.smoothed is None else _facts(result.smoothed, result.truth)
+
+
+def _document(result: Result, written: Sequence[Path]) -> dict[str, Any]:
+    """Facts, warnings and written files, for programs."""
+    facts, late = _measured(result)
+    warnings = [{"code": one.code, "text": one.text} for one in result.warnings]
+    return {**facts, "smoothed": late, "warnings": warnings, "written": [str(path) for path in written]}
+
+
+def _print(result: Result) -> None:
+    """Prints facts and warnings."""
+    facts, late = _measured(result)
     columns = ["", result.settings.filter, *(["smoothed"] if late else [])]
     print_rows(columns, [_row(name, facts, late) for name in facts])
     for one in result.warnings:
         console.print(f"WARNING: {one.text}", style="bold red")
-    for path in written:
-        console.print(f"written: {path}")
 
 
 def _row(name: str, facts: Mapping[str, float], late: Mapping[str, float]) -> tuple[str, ...]:

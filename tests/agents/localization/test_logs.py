@@ -82,6 +82,15 @@ def test_without_a_truth_it_still_tells_how_surprising_the_fixes_were(logs: tupl
     assert "RMSE" not in output
 
 
+def test_a_figure_that_cannot_be_written_costs_no_result(logs: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    out, no_folder = tmp_path / "report.html", logs[0]
+    words = ["localize", "--imu", logs[0], "--gnss", logs[1], "--out", out, "--figure", no_folder / "figure.html"]
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert isinstance(result.exception, OSError)
+    assert "mean NIS" in result.output
+    assert out.exists()
+
+
 def test_metres_do_as_well_as_degrees(logs: tuple[Path, Path, Path], tmp_path: Path) -> None:
     geodetic = read_positions(logs[1])
     plane = write(tmp_path / "xy.csv", "t,x,y,z", np.column_stack([geodetic.time, geodetic.position]))
@@ -195,6 +204,21 @@ def test_broken_files_are_one_clear_line(content: str, message: str, tmp_path: P
         read_imu(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("separator", "told"), [(";", "';'"), ("\t", "a tab")])
+def test_columns_that_no_comma_separates_are_told(separator: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,lat,lon\n0,5,43,5,7,1\n".replace(",", separator, 2))
+    for read in (read_imu, read_positions):
+        with pytest.raises(InvalidInputError, match=f"expected columns separated by commas, got {told} in line 1"):
+            read(path)
+
+
+def test_names_of_columns_may_be_in_quotes(tmp_path: Path) -> None:
+    path = tmp_path / "gnss.csv"
+    path.write_text('"t","lat","lon"\n0,43.5,7\n1,43.5001,7\n')
+    assert read_positions(path).time.tolist() == [0.0, 1.0]
 
 
 def test_missing_files_and_columns_of_positions_are_named(tmp_path: Path) -> None:

@@ -40,3 +40,18 @@ def test_the_picture_shows_the_figure_whole(tmp_path: Path) -> None:
     pixels = cv2.imread(str(picture))
     assert pixels.shape == (216, 316, 3)
     assert ((pixels[..., 0] > 200) & (pixels[..., 2] < 50)).mean() > 0.05  # the blue line
+
+
+def test_a_browser_that_fails_costs_the_picture_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chromium, page = tmp_path / "bin" / "chromium", tmp_path / "page.html"
+    chromium.parent.mkdir()
+    chromium.write_text("#!/bin/sh\nexit 1\n")
+    chromium.chmod(0o755)
+    monkeypatch.setenv("PATH", str(chromium.parent), prepend=":")
+    page.with_suffix(".png").write_bytes(b"of an older page")
+    assert write_page(square(), page, "square") == [page]
+    assert not page.with_suffix(".png").exists()
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told.startswith(f"dohyo: no picture '{page.with_suffix('.png')}': chromium did not answer: ")

@@ -170,6 +170,15 @@ def test_a_parquet_table_has_the_offset_of_its_zone(tmp_path: Path) -> None:
     assert read_latest(tmp_path / "t.parquet", Format("km/h")).offset_s == -6 * 3600
 
 
+@pytest.mark.parametrize("command", ["run", "evaluate"])
+def test_a_figure_that_cannot_be_written_costs_no_result(tmp_path: Path, command: str) -> None:
+    path = table(tmp_path / "t.csv", 400)
+    words = ("--data", path, "--unit", "km/h", "--model", "persistence", "--figure", path / "f.html")
+    result = CliRunner().invoke(app, ["forecast", command, *map(str, words)])
+    assert isinstance(result.exception, OSError)
+    assert {"run": "2026-03-02 15:39:00: the next steps", "evaluate": "95 % over stretches"}[command] in result.output
+
+
 @pytest.mark.parametrize("kept", [0, 20, 60, 150, 190, 200, 260])
 def test_a_command_that_starts_again_after_a_kill_completes_the_forecast(tmp_path: Path, kept: int) -> None:
     path, out = table(tmp_path / "t.csv", 20), tmp_path / "forecasts.csv"

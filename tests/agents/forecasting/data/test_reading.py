@@ -298,3 +298,32 @@ def test_a_word_among_speeds_is_named_by_its_line(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(InvalidInputError, match="expected numbers in column 'a', got 'ERR' in line 20"):
         read_latest(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("end", ["\n", ""])
+def test_names_in_quotes_are_those_of_the_columns(tmp_path: Path, end: str) -> None:
+    rows = [f"{minute},20.5,30.5" for minute in range(60)]
+    (tmp_path / "t.csv").write_text("\n".join(['minute,A 1 (süd),"B, ""2"""', *rows]) + end)
+    grid = read_latest(tmp_path / "t.csv")
+    assert grid.names == ("A 1 (süd)", 'B, "2"')
+    assert grid.steps == 60
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("Zeit;Geschwindigkeit\n02.03.2026 00:00;108,9\n02.03.2026 00:05;109,3\n", "';'"),
+        ("interval_begin;interval_end;interval_id;interval_speed\n28800.00;29100.00;det0;30.24\n", "';'"),
+        ("time\tspeed\n2026-03-02 00:00\t30.24\n", "a tab"),
+    ],
+)
+def test_columns_that_no_comma_separates_are_told(tmp_path: Path, lines: str, told: str) -> None:
+    (tmp_path / "t.csv").write_text(lines)
+    for read in (read_data, read_latest):
+        with pytest.raises(InvalidInputError, match=f"expected columns separated by commas, got {told} in line 1"):
+            read(tmp_path / "t.csv")
+
+
+def test_a_semicolon_in_a_name_separates_nothing(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("speed; m/s\n" + "20.5\n" * 60)
+    assert read_latest(tmp_path / "t.csv").names == ("speed; m/s",)
