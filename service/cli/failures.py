@@ -13,7 +13,7 @@ import typer
 
 from dohyo.evaluation.parking.record import ParkingRecord
 from dohyo.evaluation.running.run import Result
-from dohyo.service.cli.output import plain
+from dohyo.service.cli.output import print_error
 
 NOT_DRIVEN = 1
 """Exit code."""
@@ -73,4 +73,4 @@ def _end(failed: Sequence[Failure], count: int, units: str, lost: Sequence[str])
 def _tell(text: str) -> None:
     """Prints on standard error, where it does not mix with a JSON document, after everything else."""
     sys.stdout.flush()
-    print(f"dohyo: {plain(text)}", file=sys.stderr)
+    print_error(text)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import sys
 import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta, timezone
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from dohyo.evaluation.output_file import unwritable
-from dohyo.service.cli.output import plain
+from dohyo.service.cli.output import plain, print_error
 from dohyo.sumo_networks.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ def followed(
             kind = re.sub(r"\d+", "", str(error))
             if kind not in told:
                 told.add(kind)
-                print(f"dohyo: {plain(str(error))}; looking again", file=sys.stderr)
+                print_error(f"{error}; looking again")
         time.sleep(every_s)
 
 
