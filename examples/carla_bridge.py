@@ -148,6 +148,8 @@ def couple(bridge: Bridge, server: str, token: str, world: str, ego: str) -> int
 
 def main() -> None:
     """Connects to CARLA and couples it."""
+    if len(sys.argv) not in (5, 7):
+        sys.exit(__doc__)
     import carla  # from the package of CARLA's release
 
     server, token, world, ego, *address = sys.argv[1:]

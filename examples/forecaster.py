@@ -39,6 +39,8 @@ class Changed(logging.Filter):
 
 def main() -> None:
     """Forecasts the given number of days, or runs until it is stopped."""
+    if len(sys.argv) < 4:
+        sys.exit(__doc__)
     url, token, agent, *rest = sys.argv[1:]
     left = int(rest[0]) if rest else -1
     logging.basicConfig(format=f"{url}: %(message)s")

@@ -32,4 +32,6 @@ def export(path: str) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     export(sys.argv[1])

@@ -28,6 +28,8 @@ def plan(speeds: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Plans the given number of mornings, or runs until it is stopped."""
+    if len(sys.argv) < 4:
+        sys.exit(__doc__)
     url, token, agent, *rest = sys.argv[1:]
     left = int(rest[0]) if rest else -1
     with WorkerSession(url, token, agent) as session:

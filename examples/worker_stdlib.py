@@ -6,6 +6,8 @@ import math
 import sys
 from urllib.parse import urlsplit
 
+if len(sys.argv) < 4:
+    sys.exit(__doc__)
 url, token, agent = sys.argv[1:4]
 address = urlsplit(url)
 kinds = {"http": http.client.HTTPConnection, "https": http.client.HTTPSConnection}

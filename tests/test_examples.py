@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -61,6 +62,16 @@ def test_a_forecaster_says_once_why_it_waits_and_for_whom() -> None:
         proxy.shutdown()
     (line,) = process.errors().splitlines()
     assert line.startswith(f"{url}: ")
+
+
+@pytest.mark.parametrize("name", ["forecaster", "planner", "worker_stdlib", "onnx_policy", "carla_bridge"])
+def test_a_program_without_its_arguments_says_how_it_is_called(name: str) -> None:
+    paths = ENVIRONMENT | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'examples'}"}
+    process = Python(SCRIPT, str(ROOT / "examples" / f"{name}.py"), cwd=ROOT, env=paths)
+    assert process.end() == 1
+    told = process.errors()
+    assert "Traceback" not in told
+    assert re.search(rf"python \S*{name}\.py \S", told)
 
 
 def test_an_example_fits_twenty_lines() -> None:
