@@ -1,5 +1,9 @@
 // A complete policy worker in JavaScript: `node worker.mjs http://127.0.0.1:8000 TOKEN AGENT`.
 const [address, token, agent] = process.argv.slice(2);
+if (!agent) {
+  console.error("usage: node worker.mjs http://127.0.0.1:8000 TOKEN AGENT");
+  process.exit(1);
+}
 const url = address.replace(/\/+$/, "");
 
 async function post(path, body, bearer) {

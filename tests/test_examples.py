@@ -64,7 +64,7 @@ def test_a_forecaster_says_once_why_it_waits_and_for_whom() -> None:
     assert line.startswith(f"{url}: ")
 
 
-@pytest.mark.parametrize("name", ["forecaster", "planner", "worker_stdlib", "onnx_policy", "carla_bridge"])
+@pytest.mark.parametrize("name", ["forecaster", "planner", "onnx_policy", "carla_bridge"])
 def test_a_program_without_its_arguments_says_how_it_is_called(name: str) -> None:
     paths = ENVIRONMENT | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'examples'}"}
     process = Python(SCRIPT, str(ROOT / "examples" / f"{name}.py"), cwd=ROOT, env=paths)

@@ -269,6 +269,14 @@ def test_a_plain_example_ends_with_one_line_when_the_service_does(
 
 
 @pytest.mark.parametrize("command", PLAIN)
+def test_a_plain_example_without_arguments_says_how_it_is_called(command: list[str]) -> None:
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "http://127.0.0.1:8000 TOKEN AGENT" in done.stderr
+
+
+@pytest.mark.parametrize("command", PLAIN)
 def test_a_plain_example_keeps_the_path_of_its_address(command: list[str], script: Script) -> None:
     script.answers += [REGISTERED, Answer({}, 503)]
     subprocess.run([*command, f"{script.url}/dohyo/", "secret", "mine"], cwd=ROOT, capture_output=True, timeout=60)

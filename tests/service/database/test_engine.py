@@ -118,6 +118,17 @@ def test_numbers_of_evaluations_of_before_follow_their_times(database: Database)
         assert ordered.all() == ["first", "second", "third", "later"]
 
 
+@pytest.mark.parametrize("dropped", [False, True])
+def test_results_lose_the_time_of_their_order_once(dropped: bool, database: Database) -> None:
+    """An earlier migration dropped it for a few hours."""
+    _downgrade(database, "2026_16_identity")
+    if dropped:
+        with database.engine.begin() as connection:
+            connection.execute(text("ALTER TABLE results DROP COLUMN ordered"))
+    database.migrate()
+    assert "ordered" not in {column["name"] for column in inspect(database.engine).get_columns("results")}
+
+
 def test_results_of_before_are_computed_again(database: Database) -> None:
     """They held a value per ego, and egos of one episode are no independent drives."""
     with database.session() as session:
@@ -180,7 +191,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     database = Database(empty_database_url)
     with database.reading() as session:
         found = session.scalars(text("SELECT version_num FROM alembic_version")).all()  # type: ignore[call-overload]
-        assert found == ["2026_16_identity"]
+        assert found == ["2026_17_orders_of_results"]
     database.close()
 
 

@@ -1,7 +1,4 @@
-"""Numbers of evaluations, which grow with each order, whatever the clock says; those of before follow their times.
-
-They take the place of the times of orders beside results.
-"""
+"""Numbers of evaluations, which grow with each order, whatever the clock says; those of before follow their times."""
 
 from __future__ import annotations
 
@@ -24,15 +21,9 @@ def upgrade() -> None:
         one = evaluations.update().where(evaluations.c.id == sa.bindparam("which")).values(number=sa.bindparam("its"))
         connection.execute(one, [{"which": which, "its": its} for its, which in enumerate(ordered, 1)])
     op.create_index("ix_evaluations_number", "evaluations", ["number"])
-    op.drop_column("results", "ordered")
 
 
 def downgrade() -> None:
     """Takes it back."""
-    op.add_column("results", sa.Column("ordered", sa.DateTime(timezone=True), nullable=True))
-    results = sa.table("results", sa.column("evaluation_id"), sa.column("ordered"))
-    evaluations = sa.table("evaluations", sa.column("id"), sa.column("created"))
-    created = sa.select(evaluations.c.created).where(evaluations.c.id == results.c.evaluation_id).scalar_subquery()
-    op.execute(results.update().values(ordered=created))
     op.drop_index("ix_evaluations_number", "evaluations")
     op.drop_column("evaluations", "number")
