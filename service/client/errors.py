@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import httpx
 
-from dohyo.service.client.worker_session import PASSING
+from dohyo.service.client.connection import PASSING
 from dohyo.service.wire.foreign import Answer, media_type, redirection, told
 from dohyo.sumo_networks.errors import DohyoError
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from dohyo.service.client.worker_session import Connection, Pauses, UnreachableError, WireError, passes
+from dohyo.service.client.connection import Connection, Pauses, UnreachableError, WireError, passes
 from dohyo.service.wire.messages import Format
 
 BUSY_S: Final = 600.0

@@ -25,8 +25,8 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
+from dohyo.service.client.connection import UnreachableError, WireError
 from dohyo.service.client.pending import PendingConnection
-from dohyo.service.client.worker_session import UnreachableError, WireError
 from dohyo.service.wire.messages import Format, arrays, pack
 from dohyo.sumo_networks.ego.control import make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters

@@ -29,14 +29,8 @@ from dohyo.evaluation.episode.deadline import deadline
 from dohyo.evaluation.episode.guarded_agent import describe
 from dohyo.evaluation.families import FORECASTING_CONTROL, PARKING_CONTROL, OtherFamilyError
 from dohyo.evaluation.freeway.day import check_forecast
-from dohyo.service.client.worker_session import (
-    Drive,
-    LeaseLostError,
-    Pauses,
-    UnreachableError,
-    WireError,
-    WorkerSession,
-)
+from dohyo.service.client.connection import LeaseLostError, Pauses, UnreachableError, WireError
+from dohyo.service.client.worker_session import Drive, WorkerSession
 from dohyo.service.forecasting.interface import forecast_shape
 from dohyo.service.forecasting.worker_agent import Predictor
 from dohyo.service.parking.interface import check_action as check_parking

@@ -26,8 +26,8 @@ import numpy as np
 import uvloop
 
 from dohyo.evaluation.benchmarks.environments import single_scenarios
+from dohyo.service.client.connection import Connection
 from dohyo.service.client.remote_env import RemoteEnv
-from dohyo.service.client.worker_session import Connection
 from dohyo.service.wire.messages import pack
 from dohyo.sumo_networks.envs.vector_env import VectorDrivingEnv
 from tests.performance.wire import cpu_seconds, table_row

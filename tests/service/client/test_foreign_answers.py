@@ -10,11 +10,11 @@ from dohyo.evaluation.agent import AgentSpec
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.cli.commands import worker as command
 from dohyo.service.client import client as blocking_client
-from dohyo.service.client import worker_session
 from dohyo.service.client.client import Client
+from dohyo.service.client.connection import Pauses, UnreachableError, WireError
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.pending import PendingConnection
-from dohyo.service.client.worker_session import UnreachableError, WireError, WorkerSession
+from dohyo.service.client.worker_session import WorkerSession
 from tests.service.client.scripted import Answer, Script, serving
 from tests.service.serving import command as run_command
 
@@ -33,7 +33,7 @@ WORLD = Answer({"id": "wo-1", "status": "waiting"}, headers={"content-type": "Ap
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_session.Pauses, "next", lambda pauses, error=None: 0.01)
+    monkeypatch.setattr(Pauses, "next", lambda pauses, error=None: 0.01)
     monkeypatch.setattr(blocking_client, "POLL_S", 0.01)
 
 

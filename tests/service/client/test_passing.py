@@ -21,9 +21,10 @@ import typer
 
 from dohyo.evaluation.agent import Agent
 from dohyo.service.cli.commands import worker as command
-from dohyo.service.client import worker, worker_session
+from dohyo.service.client import worker
+from dohyo.service.client.connection import BadActionError, LeaseLostError, Pauses, WireError
 from dohyo.service.client.worker import Driver, keep_working, shares, work
-from dohyo.service.client.worker_session import BadActionError, Drive, LeaseLostError, WireError, WorkerSession
+from dohyo.service.client.worker_session import Drive, WorkerSession
 from tests.service.client.scripted import BROKEN, Answer, Script, serving
 from tests.service.served import ROOT, STEADY
 
@@ -50,7 +51,7 @@ AWAY = [Answer({}, status) for status in (500, 502, 503, 504)]
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_session.Pauses, "next", lambda pauses, error=None: 0.01)
+    monkeypatch.setattr(Pauses, "next", lambda pauses, error=None: 0.01)
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import pytest
 from gymnasium.spaces import Box, Dict
 
-from dohyo.service.client import pending, worker_session
+from dohyo.service.client import pending
+from dohyo.service.client.connection import Pauses, UnreachableError, WireError
 from dohyo.service.client.pending import PendingConnection
 from dohyo.service.client.remote_env import RemoteWorld, RemoteWorlds
-from dohyo.service.client.worker_session import UnreachableError, WireError
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service.client.scripted import BROKEN, Answer, Script, serving
 
@@ -21,7 +21,7 @@ SEEN = Answer({"tick": 1})
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_session.Pauses, "next", lambda pauses, error=None: 0.01)
+    monkeypatch.setattr(Pauses, "next", lambda pauses, error=None: 0.01)
 
 
 @pytest.fixture

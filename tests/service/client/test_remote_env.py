@@ -14,7 +14,7 @@ import pytest
 import dohyo
 from dohyo.agents.learning.gymnasium.task import GymnasiumTask
 from dohyo.agents.learning.tasks.environments import check_environments
-from dohyo.service.client import worker_session
+from dohyo.service.client import connection
 from dohyo.service.client.client import Client
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -148,16 +148,16 @@ class _Impatient(BaseHTTPRequestHandler):
 
 
 def test_a_learner_may_pause_for_longer_than_the_service_keeps_a_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_session, "IDLE_S", 0.1)
+    monkeypatch.setattr(connection, "IDLE_S", 0.1)
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Impatient)
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    connection = worker_session.Connection(f"http://127.0.0.1:{server.server_port}")
+    kept = connection.Connection(f"http://127.0.0.1:{server.server_port}")
     try:
         for _ in range(3):
-            assert connection.post("/", {}, "token") is None
+            assert kept.post("/", {}, "token") is None
             time.sleep(0.5)
     finally:
-        connection.close()
+        kept.close()
         server.shutdown()
         server.server_close()
 

@@ -22,9 +22,10 @@ from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, days_folder, l
 from dohyo.evaluation.freeway.day import DayRecord, DayScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.client import Client
+from dohyo.service.client.connection import BadActionError, LeaseLostError
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
-from dohyo.service.client.worker_session import BadActionError, Drive, LeaseLostError, WorkerSession
+from dohyo.service.client.worker_session import Drive, WorkerSession
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import FORECAST_SCORES, summary_of_day

@@ -20,8 +20,9 @@ from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_be
 from dohyo.evaluation.freeway.morning import MorningRecord, MorningScenario
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.service.client.client import Client
+from dohyo.service.client.connection import BadActionError
 from dohyo.service.client.errors import ServiceError
-from dohyo.service.client.worker_session import BadActionError, WorkerSession
+from dohyo.service.client.worker_session import WorkerSession
 from dohyo.service.database.engine import Database
 from dohyo.service.evaluations.model import Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.scoring import MORNING_SCORES, is_agent_fault, summary_of_morning

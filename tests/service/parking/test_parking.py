@@ -23,9 +23,10 @@ from dohyo.evaluation.parking.result import LotCounts
 from dohyo.evaluation.records.record import AgentInfo
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.client.client import Client
+from dohyo.service.client.connection import BadActionError
 from dohyo.service.client.errors import ServiceError
 from dohyo.service.client.worker import Driver, work
-from dohyo.service.client.worker_session import BadActionError, WorkerSession
+from dohyo.service.client.worker_session import WorkerSession
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.sumo_networks.errors import InvalidInputError

@@ -10,7 +10,7 @@ import numpy as np
 from dohyo.agents.registry import resolve
 from dohyo.evaluation.agent import Mission, make_agent
 from dohyo.evaluation.episode.runner import drive_episode
-from dohyo.service.client.worker_session import Connection
+from dohyo.service.client.connection import Connection
 from dohyo.service.wire.messages import arrays, pack
 from tests.service.worlds.clients import PATIENCE_S, Client, scenario
 
