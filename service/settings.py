@@ -107,7 +107,7 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, env_file=".env", extra="ignore", frozen=True)
 
-    data: Path = Path("dohyo-data")
+    data: Annotated[Path, AfterValidator(Path.absolute)] = Path("dohyo-data")  # confined processes work elsewhere
     database: SecretStr | None = None
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000

@@ -18,7 +18,7 @@ from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_path
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from tests.extracts import BLACKPOOL, as_pbf, crossroads
-from tests.service.harness import Caller, Harness, assert_problem
+from tests.service.harness import Caller, Harness, assert_problem, running
 
 PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
     <location netOffset="0.00,0.00" convBoundary="0.00,0.00,200.00,0.00" origBoundary="0,0,200,0" projParameter="!"/>
@@ -169,6 +169,17 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
     assert team.delete("/v1/networks/my-town").status_code == 204
     assert not (data / "networks" / "my-town").exists()
     assert_problem(service.client.get("/v1/networks/my-town"), 404)
+
+
+@pytest.mark.slow
+def test_a_service_in_a_folder_that_is_told_from_here_takes_networks_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The process that reads them works in another folder."""
+    monkeypatch.chdir(tmp_path)
+    with running(Path("dohyo-data")) as service:
+        made = upload(service.caller("team"), PLAIN)
+    assert made.status_code == 201, made.text
 
 
 def test_an_extract_is_unpacked_and_mirrored_as_its_country_says(service: Harness, tmp_path: Path) -> None:
