@@ -19,7 +19,6 @@ from dohyo.evaluation.records.store import seal
 from dohyo.evaluation.records.trajectory import Trajectory, TrajectoryRecorder
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
-from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.simulation import sumo_version
@@ -192,7 +191,7 @@ class _Episode:
             benchmark=benchmark,
             egos=tuple(self._ego_record(drive, infos) for drive in self.drives.values()),
             ticks=self.ticks,
-            versions=versions(load_network(self.scenario.network)),
+            versions=versions(self.env.network),
             trajectory_sha256=trajectory.sha256(),
             timing=Timing(
                 created=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -11,7 +11,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
 from dohyo.service.accounts.access import Reader, Submitter
-from dohyo.service.errors import ForbiddenError
+from dohyo.service.errors import ConflictError, ForbiddenError
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.networks.finding import check_known, find_network, view_network
 from dohyo.service.networks.form import FORM, import_arguments
@@ -24,6 +24,7 @@ from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.bodies.uploads import receive_upload
 from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.heavy import Heavy
+from dohyo.service.worlds.queries import list_live_worlds
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.entries import builtin_names, network_names
 from dohyo.sumo_networks.networks.importing import retract_network
@@ -113,14 +114,19 @@ async def create_network(
     return await answer_job(services, job, wait_s)
 
 
-@router.delete("/{name}", status_code=204, responses=problems(403, 404))
+@router.delete("/{name}", status_code=204, responses=problems(403, 404, 409))
 def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
-    """Deletes an uploaded network; its name is free again."""
+    """Deletes an uploaded network that no live world uses; its name is free again.
+
+    Records of earlier worlds stay, without the roads that their replays need.
+    """
     check_known(name)
     with services.database.session() as session:
         row = session.get(UploadedNetwork, name)
         if row is None or not caller.owns(row.owner):
             raise ForbiddenError(f"network '{name}' is not yours")
+        if there := [world.id for world in list_live_worlds(session) if world.network == name]:
+            raise ConflictError(f"world '{there[0]}' drives on network '{name}'; end it first")
         session.delete(row)
         retract_network(name)
 

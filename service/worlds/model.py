@@ -53,6 +53,11 @@ class World(Base):
     record_hash: Mapped[str | None] = mapped_column(String(64))
     kept_bytes: Mapped[int] = mapped_column(default=0)
 
+    @property
+    def network(self) -> str:
+        """Name of its network."""
+        return str(self.order["scenario"]["network"])
+
 
 class WorldGuest(Base):
     """An owner who has joined the world of another one by an invitation, and may see it and its record."""

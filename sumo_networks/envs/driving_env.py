@@ -29,6 +29,7 @@ from dohyo.sumo_networks.envs.options import (
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.rendering.overhead import Overhead
 from dohyo.sumo_networks.routes.route import Route
 from dohyo.sumo_networks.rules.episode_end import is_late, is_played_out, reached_goal
@@ -114,6 +115,11 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             name: gymnasium.spaces.Dict({sensor.name: sensor.space for sensor in chosen})
             for name, chosen in self._sensors.items()
         }
+
+    @property
+    def network(self) -> RoadNetwork:
+        """The roads, whatever has become of their file meanwhile."""
+        return self._plan.network
 
     @property
     def routes(self) -> tuple[Route, ...]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dohyo.agents.experts.reckless import Reckless
@@ -11,6 +14,8 @@ from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.evaluation.episode.runner import drive_episode, run_episode
 from dohyo.evaluation.records.specifications import InfractionKind, Status
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
+from dohyo.sumo_networks.networks.entries import network_path
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 from tests.evaluation import agents
 
@@ -49,6 +54,28 @@ def test_the_same_episode_has_the_same_hash_and_another_seed_another() -> None:
     other = run_episode(scenario(seed=5), {"ego": agents.Steady()})
     assert first.record_hash == again.record_hash
     assert first.record_hash != other.record_hash
+
+
+def test_a_record_names_the_roads_that_were_driven_though_their_file_is_another_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped, folder = network_path("ingolstadt"), tmp_path / "networks" / "town"
+    monkeypatch.setenv("DOHYO_HOME", str(tmp_path))
+    folder.mkdir(parents=True)
+    there = folder / shipped.name
+    (folder / "network.toml").write_text(f'title = "Town"\nsource = "made"\nlicence = "CC0"\nfile = "{shipped.name}"\n')
+    shutil.copy(shipped, there)
+
+    class Replaces(agents.Steady):
+        def misbehave(self) -> np.ndarray:
+            there.write_bytes(network_path("town-test").read_bytes())
+            return super().misbehave()
+
+    driven = load_network("town").sha256
+    record = run_episode(scenario(network="town", traffic=Traffic()), {"ego": Replaces()})
+    assert record.egos[0].status is Status.PERFECT
+    assert load_network("town").sha256 != driven
+    assert record.versions.network_sha256 == driven
 
 
 def test_trajectories_cover_every_tick() -> None:

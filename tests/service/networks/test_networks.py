@@ -13,6 +13,8 @@ from dohyo.service.errors import ConflictError
 from dohyo.service.jobs.kind import Task
 from dohyo.service.networks import finding, kinds
 from dohyo.service.networks.map import map_document
+from dohyo.service.worlds.model import World, WorldStatus
+from dohyo.service.worlds.queries import finish_world
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_path
@@ -166,6 +168,11 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
     assert_problem(upload(team, PLAIN), 409, "never change")
     assert_problem(service.caller("other").delete("/v1/networks/my-town"), 403, "not yours")
     assert_problem(team.delete("/v1/networks/ingolstadt"), 403, "not yours")
+    with service.services.database.session() as session:
+        session.add(World(id="wo-1", owner="other", order={"scenario": {"network": "my-town"}}))
+    assert_problem(team.delete("/v1/networks/my-town"), 409, "world 'wo-1' drives on network 'my-town'")
+    with service.services.database.session() as session:
+        finish_world(session, "wo-1", WorldStatus.DONE, None, 0, None)
     assert team.delete("/v1/networks/my-town").status_code == 204
     assert not (data / "networks" / "my-town").exists()
     assert_problem(service.client.get("/v1/networks/my-town"), 404)
