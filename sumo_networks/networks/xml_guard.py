@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import math
 import stat
 import xml.parsers.expat
 import zlib
@@ -172,7 +173,9 @@ class _Scanner:
 
     def _locate(self, attributes: dict[str, str]) -> None:
         with suppress(KeyError, ValueError):  # netconvert refuses such nodes
-            self.places.append((float(attributes["lat"]), float(attributes["lon"])))
+            place = float(attributes["lat"]), float(attributes["lon"])
+            if all(map(math.isfinite, place)):
+                self.places.append(place)
 
     def _check_files(self, tag: str, attributes: dict[str, str]) -> None:
         """Refuses whatever makes SUMO read or write another file."""

@@ -117,6 +117,11 @@ def test_openstreetmap(osm: Path, name: str, write: Callable[[Path], None]) -> N
     assert "ODbL" in network_entry("crossroads").licence
 
 
+def test_a_node_without_a_place_does_not_hide_the_country_of_the_others(osm: Path) -> None:
+    osm.write_text(OSM.replace("<way", '<node id="99" lat="nan" lon="13" version="1"/><way', 1))
+    assert import_network(osm, "crossroads").report.guessed[0].startswith("country DE")
+
+
 def test_lights_are_guessed_on_request(osm: Path) -> None:
     assert import_network(osm, "lit", ImportOptions(lights=True)).report.lights == 1
 
