@@ -15,6 +15,7 @@ import polars as pl
 
 from dohyo.agents.forecasting.data.csv_table import read_csv, whole_lines
 from dohyo.agents.forecasting.data.dates import is_numeric, year_first
+from dohyo.agents.forecasting.data.doubts import check_names, segments_note, slow_notes
 from dohyo.agents.forecasting.data.grid import Grid, Rows, on_grid
 from dohyo.agents.forecasting.data.speed_table import (
     DAY_S,
@@ -50,7 +51,7 @@ class Format:
         missing_value: A number that stands for a missing value, such as 0 in METR-LA.
         tolerance: Largest distance of a row from its step, in steps.
         resample_s: New step in seconds, with means over the rows within; None: the table's own.
-        trust_unit: Whether to accept speeds that are implausible in the unit.
+        trust_unit: Whether to accept speeds that are implausible in the unit, and names of other quantities.
         growing: Whether a line without an end may still be being written; else only one that lacks columns.
         day_first: Whether dates such as 03/04/2026 begin with the day; None: decided by all dates, see `dates`.
     """
@@ -88,8 +89,11 @@ def read_data(path: Path | Sequence[Path], how: Format | None = None, learn: str
     except InvalidInputError as error:
         raise InvalidInputError(f"'{source}': {error}") from error
     check_speeds(stretches, grid.names, source, how.unit, how.max_missing, how.trust_unit)
-    missing = float(np.isnan(np.concatenate([one.speeds for one in stretches])).mean())
-    return SpeedData(grid.names, grid.step_s, sets, 0.0, source, missing, grid.notes, grid.named_by_file)
+    speeds = np.concatenate([one.speeds for one in stretches])
+    slow = () if how.trust_unit else slow_notes(speeds, grid.names, how.unit)
+    notes = (*grid.notes, segments_note(grid.names), *slow)
+    missing = float(np.isnan(speeds).mean())
+    return SpeedData(grid.names, grid.step_s, sets, 0.0, source, missing, notes, grid.named_by_file)
 
 
 def read_latest(path: Path | Sequence[Path], how: Format | None = None) -> Grid:
@@ -219,6 +223,7 @@ def _read_rows(path: Path, how: Format) -> Rows:
     times, notes = (None, ()) if time is None else _times(path, table[time], how)
     clock = _clock(path, times, len(table), how)
     offset_s = None if times is None else _offset_s(path, times, how)
+    notes = (*notes, *check_names(names, str(path), how.trust_unit))
     return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s, notes)
 
 

@@ -41,7 +41,9 @@ Tolerance = Annotated[
 Resample = Annotated[
     float | None, typer.Option(min=0.001, help="Minutes of new, longer steps with means over the rows within.")
 ]
-Trust = Annotated[bool, typer.Option("--trust-unit", help="Accept speeds that are implausible in --unit.")]
+Trust = Annotated[
+    bool, typer.Option("--trust-unit", help="Accept speeds that are implausible in --unit, and names such as flow.")
+]
 DayFirst = Annotated[
     bool | None,
     typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2026. [default: by all dates]"),
