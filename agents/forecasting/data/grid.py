@@ -40,6 +40,7 @@ class Rows:
         speeds: (R, N), m/s, NaN where missing.
         offset_s: How far the clock of the last time is ahead of UTC; None: times without a zone.
         notes: What was decided in reading them, one sentence each.
+        local: Whether the times are dates without a zone, so that their place in UTC is not known.
     """
 
     source: str
@@ -48,6 +49,7 @@ class Rows:
     speeds: Float32Array
     offset_s: float | None = None
     notes: tuple[str, ...] = ()
+    local: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,10 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         resample_s: Length of new steps, s, whose values are means over all rows within; None: rows keep their steps.
 
     Raises:
-        InvalidInputError: The steps of two files differ, or new steps are shorter than the old ones.
+        InvalidInputError: The steps of two files differ, new steps are shorter than the old ones, or some files alone
+            have times without a zone.
     """
+    _check_zones(files)
     usual = [usual_step(one.time_s) for one in files]
     step = resample_s or step_s or next((found for found in usual if found), 60.0)
     for one, found in zip(files, usual, strict=True):
@@ -187,6 +191,17 @@ def on_grid(files: Sequence[Rows], step_s: float | None, tolerance: float, resam
         offset_s=files[0].offset_s,
         named_by_file=names != tuple(name for one in files for name in one.names),
     )
+
+
+def _check_zones(files: Sequence[Rows]) -> None:
+    """Refuses files of which some have times with a zone and others without, since the latter may lie hours apart."""
+    zoned = [one.source for one in files if one.offset_s is not None]
+    local = [one.source for one in files if one.local]
+    if zoned and local:
+        raise InvalidInputError(
+            f"'{local[0]}': expected times with an offset from UTC, as in '{zoned[0]}', got times without one; write "
+            "the times of all files with an offset, such as 2026-03-02T00:00:00+01:00, or all without"
+        )
 
 
 def _start(files: Sequence[Rows], step: float) -> float:

@@ -224,7 +224,8 @@ def _read_rows(path: Path, how: Format) -> Rows:
     clock = _clock(path, times, len(table), how)
     offset_s = None if times is None else _offset_s(path, times, how)
     notes = (*notes, *check_names(names, str(path), how.trust_unit))
-    return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s, notes)
+    local = times is not None and times.dtype.is_temporal() and offset_s is None
+    return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s, notes, local)
 
 
 def _frame(path: Path, how: Format) -> pl.DataFrame:

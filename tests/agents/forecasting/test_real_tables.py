@@ -144,3 +144,20 @@ def test_a_first_row_at_another_time_moves_no_other_one(tmp_path: Path, late_s: 
 def test_one_row_of_a_second_file_has_no_step_that_could_differ(tmp_path: Path) -> None:
     paths = [write(tmp_path / f"{name}.csv", np.full(rows, 20.0)) for name, rows in (("one", 1), ("all", 40))]
     assert read_latest(paths, Format("km/h")).step_s == 300.0
+
+
+def test_times_with_a_zone_and_without_are_not_joined(tmp_path: Path) -> None:
+    start = datetime.datetime(2026, 3, 2)
+    times = [start + datetime.timedelta(minutes=5 * i) for i in range(200)]
+    for name, zone in (("zoned", "+01:00"), ("local", ""), ("utc", "Z")):
+        lines = [f"{time.isoformat()}{zone},{20 + i % 5}" for i, time in enumerate(times)]
+        (tmp_path / f"{name}.csv").write_text("\n".join([f"time,{name}", *lines]) + "\n")
+    unix = [f"{1772406000 + 300 * i},{20 + i % 5}" for i in range(200)]
+    (tmp_path / "unix.csv").write_text("\n".join(["time,unix", *unix]) + "\n")
+    zoned, local, utc, numbers = (tmp_path / f"{name}.csv" for name in ("zoned", "local", "utc", "unix"))
+    for paths in ((zoned, local), (local, utc, zoned)):
+        message = r"local\.csv': expected times with an offset from UTC, as in '.*\.csv', got times without one"
+        with pytest.raises(InvalidInputError, match=message):
+            read_latest(paths)
+    assert read_latest([zoned, utc]).steps == 200 + 11, "an hour apart, and the last step has not arrived"
+    assert read_latest([numbers, zoned], Format(step_s=300.0)).steps == 200, "seconds since 1970 are in UTC"
