@@ -33,6 +33,7 @@ from dohyo.agents.learning.runs.run import TaskRun
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.learning.runs.training import Learner, train_off_policy, train_task
 from dohyo.agents.learning.tasks.task import Env, Environments, Task, check_task, named
+from dohyo.sumo_networks.envs.single_env import SingleDrivingEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 
@@ -121,6 +122,14 @@ class GymnasiumTask(Task):
         """See `Task`."""
         space: Box | Discrete = self._spaces[1]
         return space
+
+    @cached_property
+    def alone(self) -> bool:
+        """See `Task`; so is an environment of dohyo, whatever wraps it."""
+        if self.remote:
+            return False
+        with closing(self.make_env(0)) as env:
+            return isinstance(env.unwrapped, SingleDrivingEnv)
 
     @property
     def ends(self) -> bool:

@@ -60,6 +60,15 @@ def test_environments_of_others_are_learned_from(env: str, tmp_path: Path) -> No
     assert (tmp_path / "run" / "policy.onnx").exists()
 
 
+def test_an_environment_of_dohyo_is_judged_beside_its_training(tmp_path: Path) -> None:
+    settings = ["env=dohyo/Quickstart-v0", "algorithm=ppo", *SHORT, "steps=24", "longest=8"]
+    train([*settings, "evaluate_every=12", "ppo.horizon=12"], tmp_path / "run")  # the evaluation is amid an episode
+    with (tmp_path / "run" / "evaluations.csv").open() as file:
+        assert [row["steps"] for row in csv.DictReader(file)] == ["0", "12", "24"]
+    with (tmp_path / "run" / "metrics.csv").open() as file:
+        assert [row["episodes"] for row in csv.DictReader(file)] == ["1", "3"]
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
