@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from dohyo.agents.forecasting.data import clock_changes
 from dohyo.agents.forecasting.data.csv_table import read_csv, whole_lines
 from dohyo.agents.forecasting.data.dates import is_numeric, year_first
 from dohyo.agents.forecasting.data.doubts import check_names, segments_note, slow_notes
@@ -223,8 +224,10 @@ def _read_rows(path: Path, how: Format) -> Rows:
     times, notes = (None, ()) if time is None else _times(path, table[time], how)
     clock = _clock(path, times, len(table), how)
     offset_s = None if times is None else _offset_s(path, times, how)
-    notes = (*notes, *check_names(names, str(path), how.trust_unit))
-    local = times is not None and times.dtype.is_temporal() and offset_s is None
+    local = times is not None and _is_local(times)
+    if local:
+        notes += clock_changes.notes_on_hours(clock)
+    notes += check_names(names, str(path), how.trust_unit)
     return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s, notes, local)
 
 
@@ -311,9 +314,16 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
     steps = np.diff(time_s)
     if len(steps) and steps.min() < 0.0:
         raise InvalidInputError(
-            f"'{path}': expected times that increase, {_place(path, int(steps.argmin()) + 1)} does not; sort the rows"
+            f"'{path}': expected times that increase, {_place(path, int(steps.argmin()) + 1)} does not"
+            f"{clock_changes.advice(time_s, _is_local(column))}"
         )
     return np.asarray(time_s, dtype=np.float64)
+
+
+def _is_local(column: pl.Series) -> bool:
+    """Whether times are dates without a zone."""
+    zone = column.dtype.time_zone if isinstance(column.dtype, pl.Datetime) else None
+    return column.dtype.is_temporal() and zone is None
 
 
 def _unit_s(path: Path, name: str, numbers: FloatArray, step_s: float) -> float:
