@@ -83,10 +83,16 @@ def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, reque
         The best policy's weights.
 
     Raises:
-        InvalidInputError: The folder holds another run, or the task cannot be used.
+        InvalidInputError: The folder holds another run; or the task cannot be used,
+            or not so many of its environments in one process.
         RunStoppedError: See `train`.
         SimulationError: See `train`.
     """
+    if task.alone and not settings.processes and settings.environments > 1:
+        raise InvalidInputError(
+            f"task '{task.name}': a process can hold only one of its environments: expected processes of at least 1 "
+            f"for environments = {settings.environments}, got 0"
+        )
     return _in_folder(lambda run: train(make_learner, task, run, request.report), settings, request)
 
 

@@ -78,6 +78,7 @@ def test_an_environment_of_dohyo_is_judged_beside_its_training(tmp_path: Path) -
         ([f"env={DIAL}", "algorithm=ppo", "ppo.normalised=true"], "expected normalised = false"),
         ([f"env={DIAL}", "algorithm=sac"], "Sac: expected actions in a Box"),
         ([f"env={POINT}", "algorithm=iqn"], "Iqn: expected actions in a Discrete"),
+        (["env=dohyo/Quickstart-v0", "environments=2"], "expected processes of at least 1 for environments = 2, got 0"),
     ],
 )
 def test_what_it_cannot_learn_is_refused(settings: list[str], message: str, tmp_path: Path) -> None:

@@ -33,6 +33,13 @@ from tests.agents.learning.killed import different
 from tests.agents.learning.problems import Point
 from tests.agents.learning.toys import POINT, SMALL, PointConfig
 
+
+class Alone(Point):
+    """A point that needs a process for itself."""
+
+    alone = True
+
+
 TOY = "tests.agents.learning.toys:POINT"
 
 
@@ -223,6 +230,19 @@ def test_what_cannot_be_trained_leaves_no_run_behind(tmp_path):
         with pytest.raises(InvalidInputError, match="no such thing"):
             train_task(refused, Point(), settings, TrainRequest("toy", tmp_path, False, no_report))
     assert not (tmp_path / "config.toml").exists()
+
+
+@pytest.mark.parametrize(("processes", "environments", "fits"), [(0, 2, False), (0, 1, True), (1, 2, True)])
+def test_a_task_that_needs_a_process_for_each_environment_has_one(processes, environments, fits, tmp_path):
+    def made(collector, run):
+        raise RuntimeError("made")
+
+    settings = RunConfig(tensorboard=False, processes=processes, environments=environments, device="cpu")
+    refused = (InvalidInputError, "'point': a process can hold only one .* at least 1 for environments = 2, got 0")
+    error, message = (RuntimeError, "made") if fits else refused
+    with pytest.raises(error, match=message):
+        train_task(made, Alone(), settings, TrainRequest("toy", tmp_path / "run", False, no_report))
+    assert (tmp_path / "run").exists() == fits
 
 
 def test_a_trainer_of_ones_own_is_found_where_the_command_runs(tmp_path, monkeypatch, capsys):
