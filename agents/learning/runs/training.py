@@ -17,6 +17,7 @@ from dohyo.agents.learning.experience.ray_worker import RayWorker, connect_to
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.files.report import Report, Reporter, no_report
+from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.policies.exact_export import export_exact
 from dohyo.agents.learning.policies.export import Exportable
 from dohyo.agents.learning.runs.config import RunConfig
@@ -83,7 +84,7 @@ def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, reque
         The best policy's weights.
 
     Raises:
-        InvalidInputError: The folder holds another run; or the task cannot be used,
+        InvalidInputError: The folder holds another run, or one that has taken more steps; or the task cannot be used,
             or not so many of its environments in one process.
         RunStoppedError: See `train`.
         SimulationError: See `train`.
@@ -130,7 +131,7 @@ def train(make_learner: MakeLearner, task: Task, run: TaskRun, report: Reporter 
         The last row of evaluations.csv.
 
     Raises:
-        InvalidInputError: The task cannot be used.
+        InvalidInputError: The task cannot be used, or the run has taken more steps.
         RunStoppedError: After SIGINT or SIGTERM; the last checkpoint is where the run goes on.
         SimulationError: Simulations fail again and again.
     """
@@ -168,6 +169,7 @@ def _train(
     report: Reporter,
 ) -> dict[str, Number]:
     check_task(task)
+    _check_steps(run)
     torch.set_num_threads(1)
     torch.manual_seed(run.config.seed)
     with ExitStack() as open_:
@@ -177,6 +179,18 @@ def _train(
         session = _Session(run, task, make_learner(collector, run), collector, held_out)
         with Stop().listening() as stop:
             return session.train(stop, report)
+
+
+def _check_steps(run: TaskRun) -> None:
+    """Raises InvalidInputError if the steps of a resumed run are lowered below those that it has taken."""
+    if run.config.steps >= run.steps_before:
+        return
+    # A run may end a few steps beyond its own number, with a round; that number stays valid.
+    if run.config.steps < read_settings(type(run.config), run.folder / "config.toml").steps:
+        raise InvalidInputError(
+            f"the run in '{run.folder}' has taken {run.steps_before} steps: "
+            f"expected steps of at least {run.steps_before}, got {run.config.steps}"
+        )
 
 
 class _Session:

@@ -150,6 +150,20 @@ def test_a_run_can_go_on_further(folder, monkeypatch, capsys):
     assert [session["from_steps"] for session in sessions] == [0, 1024]
 
 
+def test_a_resumed_run_is_not_said_to_have_taken_fewer_steps(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "run"
+    order = ("train", TOY, "--out", str(out), "--set", "ppo.horizon=64")
+    assert dohyo(monkeypatch, *order, "--set", "steps=100") == 0
+    assert json.loads((out / "result.json").read_text())["steps"] == 128
+    assert dohyo(monkeypatch, *order, "--resume", "--set", "steps=100") == 0
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    capsys.readouterr()
+    assert dohyo(monkeypatch, *order, "--resume", "--set", "steps=99") == 2
+    said = f"dohyo: the run in '{out}' has taken 128 steps: expected steps of at least 128, got 99\n"
+    assert capsys.readouterr().err == said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
 def test_a_study_takes_a_finished_run_only_for_what_it_is(folder, tmp_path):
     out = tmp_path / "arm"
     shutil.copytree(folder, out)
