@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -10,7 +11,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from dohyo.sumo_networks.arrays import Float32Array
+from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.envs.env_rows import checked_actions
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -32,6 +33,9 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
 
     Observation and action of an agent: see `observation`. The last info of an agent has "outcome", "success",
     "aligned", "time_s". A kart whose episode has ended stays in the lot and is no agent any more.
+
+    At the time limit an episode is terminated (outcome "timed_out") and never truncated: a learner must not add the
+    value of what would follow.
 
     Attributes:
         world: The lot.
@@ -58,12 +62,12 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
             render_mode: "rgb_array" for pictures from `render`.
 
         Raises:
-            InvalidInputError: The number of karts is not possible, or the render mode is unknown.
+            InvalidInputError: The scene is neither, the number of karts is not possible, or the render mode is unknown.
             UnknownNameError: The state is unknown.
         """
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError(f"expected render_mode 'rgb_array' or None, got {render_mode!r}")
-        self.world = ParkingWorld(1, len(scene.karts) if isinstance(scene, Lot) else _checked_karts(karts, scene))
+        self.world = ParkingWorld(1, _checked_karts(karts, scene))
         self.render_mode, self._scene, self._rules, self._state = render_mode, scene, rules, state
         self._columns, self._rng = columns(state), np.random.default_rng()
         self.possible_agents = [f"kart-{number}" for number in range(self.world.karts)]
@@ -101,23 +105,21 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
         return self._observations(self.agents), {agent: {} for agent in self.agents}
 
     def step(
-        self, actions: dict[str, NDArray[Any]]
+        self, actions: Mapping[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """One tick of 0.1 s.
 
         Args:
-            actions: (3,) of each agent whose episode runs.
+            actions: (3,) of each agent whose episode runs; those of agents whose episode has ended are ignored.
 
         Raises:
             InvalidInputError: There is no episode.
-            InvalidActionError: An action is missing, has another shape, or is not finite; nothing has moved then.
+            InvalidActionError: An action is missing, is for an unknown agent, has another shape, or is not finite;
+                nothing has moved then.
         """
         if not self.agents:
             raise InvalidInputError("the episode is over: expected reset before step")
-        given = np.zeros((1, self.world.karts, 3))
-        for agent in self.agents:
-            given[0, self._number(agent)] = _checked(agent, actions)
-        acted, rewards = self.agents, self.world.step(given)[0]
+        acted, rewards = self.agents, self.world.step(self._checked(actions))[0]
         results, running = self.world.results(), self.world.running[0]
         numbers = {agent: self._number(agent) for agent in acted}
         self.agents = [agent for agent in acted if running[numbers[agent]]]
@@ -145,6 +147,18 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
     def close(self) -> None:
         """Nothing is open."""
 
+    def _checked(self, actions: Mapping[str, Any]) -> FloatArray:
+        """(1, K, 3) actions of all karts; 0 where none is expected."""
+        if not isinstance(actions, Mapping):
+            raise InvalidActionError(f"expected actions by the names of karts, got {type(actions).__name__}")
+        if unknown := actions.keys() - set(self.possible_agents):
+            got = ", ".join(sorted(map(str, unknown)))
+            raise InvalidActionError(f"expected actions of {', '.join(self.possible_agents)}, got some of {got}")
+        given = np.zeros((1, self.world.karts, 3))
+        for agent in self.agents:
+            given[0, self._number(agent)] = _checked(agent, actions)
+        return given
+
     def _number(self, agent: str) -> int:
         return self.possible_agents.index(agent)
 
@@ -153,7 +167,13 @@ class ParkingEnv(ParallelEnv):  # type: ignore[misc]
         return {agent: seen[self._number(agent)] for agent in agents}
 
 
-def _checked_karts(karts: object, scene: Scene) -> int:
+def _checked_karts(karts: object, scene: object) -> int:
+    """Number of karts in a lot, or in those drawn of a scene."""
+    if isinstance(scene, Lot):
+        return len(scene.karts)
+    if not isinstance(scene, Scene):
+        known = ", ".join(f"Scene.{one.name}" for one in Scene)
+        raise InvalidInputError(f"expected {known} or a Lot, got {scene!r}"[:200])
     most = most_karts(scene.name.lower())
     if isinstance(karts, bool) or not isinstance(karts, int | np.integer) or not 1 <= karts <= most:
         others = "" if most == MAX_KARTS else f" in the scene '{scene.name.lower()}'"
@@ -161,7 +181,7 @@ def _checked_karts(karts: object, scene: Scene) -> int:
     return int(karts)
 
 
-def _checked(agent: str, actions: dict[str, NDArray[Any]]) -> NDArray[Any]:
+def _checked(agent: str, actions: Mapping[str, Any]) -> NDArray[Any]:
     if agent not in actions:
         raise InvalidActionError(f"expected an action of '{agent}', got actions of {sorted(actions)}")
     try:

@@ -53,6 +53,12 @@ def test_a_number_of_karts_that_no_lot_has_is_refused_at_once(scene, karts, said
         ParkingEnv(scene, karts)
 
 
+@pytest.mark.parametrize("scene", ["complex", 1, None])
+def test_what_is_no_scene_is_refused_at_once(scene):
+    with pytest.raises(InvalidInputError, match=f"expected Scene.SIMPLE, .* or a Lot, got {scene!r}"):
+        ParkingEnv(scene)
+
+
 def test_the_last_info_says_how_the_episode_ended():
     env = ParkingEnv(IN_PLACE, rules=JUDGED)
     env.reset()
@@ -70,6 +76,9 @@ def test_the_last_info_says_how_the_episode_ended():
         ({"kart-0": np.zeros(2)}, r"action of 'kart-0': expected actions of shape \(3,\), got shape \(2,\)"),
         ({"kart-0": np.array([0, np.nan, 0])}, "action of 'kart-0': expected finite actions"),
         ({}, r"expected an action of 'kart-0', got actions of \[\]"),
+        (None, "expected actions by the names of karts, got NoneType"),
+        (np.zeros(3), "expected actions by the names of karts, got ndarray"),
+        ({"kart-0": REST, "kart-7": REST, 1: REST}, "expected actions of kart-0, got some of 1, kart-7"),
     ],
 )
 def test_a_wrong_action_is_one_error_and_moves_nothing(actions, said):
@@ -78,6 +87,16 @@ def test_a_wrong_action_is_one_error_and_moves_nothing(actions, said):
     with pytest.raises(InvalidActionError, match=said):
         env.step(actions)
     assert np.array_equal(env.reset()[0]["kart-0"], before["kart-0"])
+
+
+def test_an_action_of_a_kart_whose_episode_has_ended_is_ignored():
+    places = Pose(x_m=0.0, y_m=0.0, heading_rad=math.pi / 2), Pose(x_m=12.0, y_m=-4.0, heading_rad=math.pi / 2)
+    env = ParkingEnv(lot_of(*places), rules=JUDGED)
+    env.reset()
+    while "kart-0" in env.agents:
+        env.step(dict.fromkeys(env.agents, REST))
+    assert env.agents == ["kart-1"]
+    assert env.step(dict.fromkeys(env.possible_agents, REST))[1].keys() == {"kart-1"}
 
 
 @pytest.mark.parametrize(("state", "width"), [("v1", 54), ("v2", 57), ("oriented", 64)])
