@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from dohyo.agents.forecasting.data.csv_table import read_csv, whole_lines
 from dohyo.agents.forecasting.data.dates import is_numeric, year_first
 from dohyo.agents.forecasting.data.doubts import check_names, segments_note, slow_notes
 from dohyo.agents.forecasting.data.grid import Grid, Rows, on_grid
+from dohyo.agents.forecasting.data.no_data import no_data_notes
 from dohyo.agents.forecasting.data.speed_table import (
     DAY_S,
     UNITS,
@@ -210,7 +211,10 @@ def _read_day(path: Path, how: Format) -> tuple[Stretch, tuple[str, ...]]:
 
 def _read_grid(paths: Sequence[Path], how: Format) -> Grid:
     """All tables on one grid."""
-    return on_grid([_read_rows(path, how) for path in paths], how.step_s, how.tolerance, how.resample_s)
+    files = [_read_rows(path, how) for path in paths]
+    grid = on_grid(files, how.step_s, how.tolerance, how.resample_s)
+    reported = [column for one in files for column in one.speeds.T]
+    return replace(grid, notes=(*grid.notes, *no_data_notes(reported, grid.names, how.unit)))
 
 
 def _read_rows(path: Path, how: Format) -> Rows:

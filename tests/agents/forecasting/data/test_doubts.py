@@ -63,3 +63,51 @@ def test_the_columns_that_were_taken_are_named(tmp_path: Path) -> None:
     assert few == ("2 columns are segments: a, b",)
     many = read_data(table(tmp_path / "many.csv", **{f"s{i}": KMH for i in range(30)}), Format("km/h")).notes
     assert many == ("30 columns are segments: s0, s1, s2, ..., s29",)
+
+
+def code_notes(paths: Path | list[Path], missing_value: float | None = None) -> list[str]:
+    notes = read_latest(paths, Format("km/h", missing_value=missing_value)).notes
+    return [note for note in notes if "--missing-value" in note]
+
+
+def with_code(value: float, share: float, speeds: FloatArray = KMH) -> FloatArray:
+    return np.where(np.random.default_rng(0).random(len(speeds)) < share, value, speeds)
+
+
+@pytest.mark.parametrize(("value", "share"), [(255.0, 0.03), (999.0, 0.01), (1023.75, 0.02), (0.0, 0.1), (0.0, 0.4)])
+@pytest.mark.parametrize("decimals", [0, 2])
+def test_a_number_that_stands_for_no_data_is_told(tmp_path: Path, value: float, share: float, decimals: int) -> None:
+    road = with_code(value, share, 100.0 + np.random.default_rng(1).normal(0.0, 4.0, 300))
+    path = table(tmp_path / "t.csv", a=np.where(road == value, value, road.round(decimals)), b=KMH)
+    (note,) = code_notes(path)
+    assert note.startswith(f"{(road == value).sum()} values are exactly {value:g} km/h")
+    assert "'a'" in note
+    assert note.endswith(f"--missing-value {value:g}")
+    assert not code_notes(path, missing_value=value)
+
+
+def test_one_number_in_many_columns_is_one_note(tmp_path: Path) -> None:
+    path = table(
+        tmp_path / "t.csv", **{f"s{i}": with_code(0.0, 0.1, np.full(300, 90.0) + FLOW / 10) for i in range(20)}
+    )
+    (note,) = code_notes(path)
+    assert "(20 of 20 columns, such as 's0')" in note
+
+
+def test_single_impossible_speeds_are_told(tmp_path: Path) -> None:
+    rows = np.arange(300)
+    (note,) = code_notes(table(tmp_path / "t.csv", a=np.where(rows % 100 == 50, 300.0 + rows, KMH)))
+    assert note.startswith("3 values are above 250 km/h, up to 550 km/h")
+
+
+def test_jams_rough_numbers_and_noise_are_no_such_numbers(tmp_path: Path) -> None:
+    random, rows = np.random.default_rng(0), np.arange(3000)
+    roads = {
+        "jam": np.where((rows // 100) % 5 == 4, 0.0, 100.0),
+        "stop and go": np.maximum(0.0, 30.0 + 40.0 * np.sin(rows / 5.0)).round(),
+        "noise": random.uniform(20.0, 120.0, 3000).round(),
+        "rough": random.normal(60.0, 25.0, 3000).clip(0.0, 150.0).round(),
+        "tens": (random.normal(90.0, 20.0, 3000).clip(0.0, 150.0) / 10.0).round() * 10.0,
+        "limited": np.minimum(random.normal(110.0, 10.0, 3000), 120.0),
+    }
+    assert not code_notes(table(tmp_path / "t.csv", **roads))
