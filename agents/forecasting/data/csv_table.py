@@ -24,7 +24,7 @@ def read_csv(path: Path, growing: bool) -> pl.DataFrame:
         growing: See `whole_lines`.
 
     Raises:
-        InvalidInputError: Something else separates the columns.
+        InvalidInputError: The text is in UTF-16, or something else separates the columns.
         polars.exceptions.PolarsError: The file is no table.
         OSError: The file cannot be read.
         csv.Error: The first line cannot be split.
@@ -32,6 +32,10 @@ def read_csv(path: Path, growing: bool) -> pl.DataFrame:
     lines = whole_lines(path, growing)
     header, _, rows = lines.partition(b"\n")
     row = rows.partition(b"\n")[0]
+    if b"\0" in header:
+        raise InvalidInputError(
+            f"'{path}': expected text in UTF-8, got UTF-16 as of Excel's 'Unicode text'; save it as CSV UTF-8"
+        )
     for separator, name in SEPARATORS.items():
         if 0 < header.count(separator.encode()) == row.count(separator.encode()):
             raise InvalidInputError(f"'{path}': expected columns separated by commas, got {name} in line 1")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -14,6 +15,7 @@ import numpy as np
 import polars as pl
 
 from dohyo.agents.forecasting.data import clock_changes
+from dohyo.agents.forecasting.data.bare_times import seconds
 from dohyo.agents.forecasting.data.csv_table import read_csv, whole_lines
 from dohyo.agents.forecasting.data.dates import is_numeric, year_first
 from dohyo.agents.forecasting.data.doubts import check_names, segments_note, slow_notes
@@ -34,12 +36,6 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TIME_NAMES = ("", "time", "timestamp", "datetime", "date", "minute", "minutes", "t", "index", "unnamed: 0")
 MEASURED_SETS = ("easy", "hard")
-MOST_MINUTES = 1e8
-"""Largest number of a column of times that is taken as minutes, 190 years; Unix times are larger since 1973."""
-UNITS_S = (1e-9, 1e-6, 1e-3, 1.0, 60.0)
-"""Units of columns of numbers, s."""
-OTHER_STEP = 4.0
-"""Largest factor between the step of the rows and the one that was given by which a unit is still recognised."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +221,7 @@ def _read_rows(path: Path, how: Format) -> Rows:
         raise InvalidInputError(
             f"'{path}': expected rows of times and columns of speeds, got {len(table)} rows, {len(names)} columns"
         )
+    _check_first(path, table, time)
     times, notes = (None, ()) if time is None else _times(path, table[time], how)
     clock = _clock(path, times, len(table), how)
     offset_s = None if times is None else _offset_s(path, times, how)
@@ -249,6 +246,27 @@ def _is_time(column: pl.Series) -> bool:
     """Whether a first column holds times: dates, or a name that says so."""
     in_numbers = column.dtype == pl.String and len(column) > 0 and is_numeric(column[0] or "")
     return column.dtype.is_temporal() or in_numbers or column.name.strip().lower() in TIME_NAMES
+
+
+def _check_first(path: Path, table: pl.DataFrame, time: str | None) -> None:
+    """Refuses times in another column than the first, such as a time of day beside its date."""
+    later = [name for name in table.columns[1:] if _holds_times(table[name])]
+    if later:
+        where = f"after '{table.columns[0]}'" if time is None else f"beside '{time}'"
+        raise InvalidInputError(
+            f"'{path}': expected one column of whole times, such as 2026-03-02 00:05, first and speeds after it, got "
+            f"times in column '{later[0]}', {where}"
+        )
+
+
+def _holds_times(column: pl.Series) -> bool:
+    """Whether a column begins with a date or a time of day; one without a value holds nothing."""
+    if column.null_count() == len(column):
+        return False
+    if column.dtype != pl.String:
+        return column.dtype.is_temporal()
+    first = str(column.drop_nulls()[0])
+    return is_numeric(first) or bool(re.match(r"\s*\d{1,2}:\d{2}", first))
 
 
 def _is_end(column: pl.Series) -> bool:
@@ -310,11 +328,8 @@ def _clock(path: Path, column: pl.Series | None, rows: int, how: Format) -> Floa
         )
     if column.dtype.is_temporal():
         time_s = np.asarray(column.cast(pl.Datetime("us")).cast(pl.Int64).to_numpy() / 1e6, dtype=np.float64)
-    elif step_s is not None:
-        numbers = column.to_numpy().astype(np.float64)
-        time_s = numbers * _unit_s(path, column.name, numbers, step_s)
     else:
-        time_s = 60.0 * _minutes(path, column)
+        time_s = seconds(path, column.name, column.to_numpy().astype(np.float64), step_s)
     steps = np.diff(time_s)
     if len(steps) and steps.min() < 0.0:
         raise InvalidInputError(
@@ -330,25 +345,6 @@ def _is_local(column: pl.Series) -> bool:
     return column.dtype.is_temporal() and zone is None
 
 
-def _unit_s(path: Path, name: str, numbers: FloatArray, step_s: float) -> float:
-    """Seconds in one unit of a column of numbers whose rows are about `step_s` apart."""
-    steps = np.diff(numbers)
-    steps, largest = steps[steps > 0.0], float(np.abs(numbers).max())
-    possible = [unit for unit in UNITS_S if largest * unit <= 60.0 * MOST_MINUTES]
-    if possible and not len(steps):
-        return possible[-1]
-    apart = float(np.median(steps)) if len(steps) else 0.0
-    if apart == 1.0 and largest <= MOST_MINUTES:
-        return step_s  # numbers of rows
-    near = [unit for unit in possible if 1.0 / OTHER_STEP <= apart * unit / step_s <= OTHER_STEP]
-    if not near:
-        raise InvalidInputError(
-            f"'{path}': expected minutes, seconds, or thousandths of these in column '{name}', with rows "
-            f"{step_s / 60:g} minutes apart (--step), got {numbers[0]:.15g} and rows {apart:.15g} apart"
-        )
-    return near[0]
-
-
 def _offset_s(path: Path, column: pl.Series, how: Format) -> float | None:
     """How far the clock of a table's last time is ahead of UTC, s; None of times without a zone."""
     if not isinstance(column.dtype, pl.Datetime) or column.dtype.time_zone is None:
@@ -361,17 +357,6 @@ def _offset_s(path: Path, column: pl.Series, how: Format) -> float | None:
         except ValueError:
             return 0.0
     return (last.utcoffset() or timedelta()).total_seconds()
-
-
-def _minutes(path: Path, column: pl.Series) -> FloatArray:
-    """Bare numbers as minutes; what looks like a Unix time is refused."""
-    minutes = column.to_numpy().astype(np.float64)
-    if np.abs(minutes).max() > MOST_MINUTES:
-        raise InvalidInputError(
-            f"'{path}': expected dates or minutes in column '{column.name}', got {column[0]}; are these seconds or "
-            "milliseconds since 1970? Then give the minutes between two rows (--step)"
-        )
-    return np.asarray(minutes)
 
 
 def _times(path: Path, column: pl.Series, how: Format) -> tuple[pl.Series, tuple[str, ...]]:

@@ -327,3 +327,30 @@ def test_columns_that_no_comma_separates_are_told(tmp_path: Path, lines: str, to
 def test_a_semicolon_in_a_name_separates_nothing(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("speed; m/s\n" + "20.5\n" * 60)
     assert read_latest(tmp_path / "t.csv").names == ("speed; m/s",)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_the_encoding_of_excels_unicode_text_is_named(tmp_path: Path, encoding: str) -> None:
+    for separator in ",\t":
+        lines = [separator.join(("time", "speed")), *(f"{minute}{separator}2{minute % 5}" for minute in range(200))]
+        (tmp_path / "t.csv").write_bytes("\r\n".join(lines).encode(encoding))
+        for growing in (False, True):
+            with pytest.raises(InvalidInputError, match=r"expected text in UTF-8, got UTF-16 .*; save it as CSV UTF-8"):
+                read_latest(tmp_path / "t.csv", Format(growing=growing))
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "told"),
+    [
+        ("date,time,speed", "2026-03-02,00:{0:02}:00,2{0}.5", "times in column 'time', beside 'date'"),
+        ("date,time,speed", "02.03.2026,00:{0:02},2{0}.5", "times in column 'time', beside 'date'"),
+        ("id,time,speed", "6005,2026-03-02 00:{0:02}:00,2{0}.5", "times in column 'time', after 'id'"),
+        ("id,time,speed", "north,2026-03-02T00:{0:02}:00+01:00,2{0}.5", "times in column 'time', after 'id'"),
+        ("id,time,speed", "north,02.03.2026 00:{0:02},2{0}.5", "times in column 'time', after 'id'"),
+    ],
+)
+def test_one_column_of_whole_times_comes_first(tmp_path: Path, header: str, row: str, told: str) -> None:
+    (tmp_path / "t.csv").write_text("\n".join([header, *(row.format(minute) for minute in range(60))]) + "\n")
+    for read in (read_data, read_latest):
+        with pytest.raises(InvalidInputError, match=f"expected one column of whole times.* first.*, got {told}"):
+            read(tmp_path / "t.csv")
