@@ -12,6 +12,7 @@ from dohyo.evaluation.freeway.benchmark import ForecastBenchmark, TrafficBenchma
 from dohyo.evaluation.freeway.day import DayScenario
 from dohyo.evaluation.freeway.morning import MorningScenario
 from dohyo.evaluation.parking.benchmark import LotScenario, ParkingBenchmark, load_parking_benchmark
+from dohyo.service.benchmarks.own import load_own, own_benchmarks, own_names
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.scenario import Scenario
 
@@ -58,8 +59,8 @@ def check_agent(info: Mapping[str, Any], benchmark: AnyBenchmark) -> None:
 
 
 def offered_benchmarks() -> list[AnyBenchmark]:
-    """All benchmarks that this service evaluates."""
-    return [find_benchmark(name) for name in _names()]
+    """All benchmarks that this service evaluates: those that ship with dohyo, and its organiser's own."""
+    return [*(find_benchmark(name) for name in _shipped()), *own_benchmarks()]
 
 
 def find_benchmark(name: str) -> AnyBenchmark:
@@ -67,11 +68,14 @@ def find_benchmark(name: str) -> AnyBenchmark:
 
     Raises:
         UnknownNameError: There is none.
+        InvalidInputError: It is the organiser's own, and its file is faulty.
     """
     for family, load in _LOADERS.items():
         if name in benchmark_names(family):
             return load(name)
-    raise UnknownNameError("benchmark", name, _names())
+    if name in own_names():
+        return load_own(name)
+    raise UnknownNameError("benchmark", name, [*_shipped(), *own_names()])
 
 
 def read_benchmark(document: Mapping[str, Any]) -> AnyBenchmark:
@@ -79,5 +83,5 @@ def read_benchmark(document: Mapping[str, Any]) -> AnyBenchmark:
     return _KINDS.get(str(document.get("kind")), Benchmark).model_validate(document)
 
 
-def _names() -> list[str]:
+def _shipped() -> list[str]:
     return [name for family in _LOADERS for name in benchmark_names(family)]

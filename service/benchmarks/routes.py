@@ -1,4 +1,4 @@
-"""Benchmarks: those that ship with dohyo, and their versions that were evaluated on this server."""
+"""Benchmarks: those that ship with dohyo and the organiser's own, and their versions that were evaluated here."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response
 
 from dohyo.service.accounts.access import Reader, Submitter
+from dohyo.service.benchmarks.own import own_benchmarks
 from dohyo.service.errors import ConflictError, ForbiddenError
 from dohyo.service.jobs.orders import Wait, answer_job, check_room, order_job, ordered
 from dohyo.service.networks.finding import check_known, find_network, view_network
@@ -116,7 +117,7 @@ async def create_network(
 
 @router.delete("/{name}", status_code=204, responses=problems(403, 404, 409))
 def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
-    """Deletes an uploaded network that no live world uses; its name is free again.
+    """Deletes an uploaded network that no live world and no benchmark uses; its name is free again.
 
     Records of earlier worlds stay, without the roads that their replays need.
     """
@@ -125,6 +126,8 @@ def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
         row = session.get(UploadedNetwork, name)
         if row is None or not caller.owns(row.owner):
             raise ForbiddenError(f"network '{name}' is not yours")
+        if used := [one.name for one in own_benchmarks() if name in one.networks]:
+            raise ConflictError(f"benchmark '{used[0]}' of this service drives on network '{name}'")
         if there := [world.id for world in list_live_worlds(session) if world.network == name]:
             raise ConflictError(f"world '{there[0]}' drives on network '{name}'; end it first")
         session.delete(row)

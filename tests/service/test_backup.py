@@ -50,7 +50,7 @@ def fill(service: Harness) -> tuple[str, str]:
         session.add(World(id="wo-kept", owner="team", order={"network": "ingolstadt"}, **ended))
     record_path(settings, "wo-kept").parent.mkdir()
     record_path(settings, "wo-kept").write_text("{}")
-    for folder in ("networks", "logs"):  # made by imports, and by `dohyo prepare`
+    for folder in ("networks", "benchmarks", "logs"):  # made by imports, an organiser, and `dohyo prepare`
         (settings.data / folder).mkdir()
     return team.headers["authorization"].removeprefix("Bearer "), team.evaluation("kept")
 
