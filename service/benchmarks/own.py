@@ -11,7 +11,7 @@ from pathlib import Path
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.documents import benchmark_names
 from dohyo.evaluation.families import Family
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.networks.entries import network_names, user_folder
 
 logger = logging.getLogger("dohyo.service")
@@ -55,6 +55,20 @@ def own_benchmarks() -> list[Benchmark]:
         except InvalidInputError as error:
             logger.warning("left out: %s", error)
     return found
+
+
+def own_file(name: str) -> bytes:
+    """The file of a benchmark.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    try:
+        if name in own_names():
+            return (_folder() / f"{name}.toml").read_bytes()
+    except OSError:
+        pass  # removed since, or no file
+    raise UnknownNameError("benchmark of this service's own", name, own_names())
 
 
 def _folder() -> Path:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from fastapi import APIRouter
+from fastapi.responses import Response
 
 from dohyo.evaluation.benchmarks.benchmark import Benchmark
 from dohyo.evaluation.families import Family
@@ -14,11 +15,14 @@ from dohyo.evaluation.freeway.morning import MORNING
 from dohyo.evaluation.parking.benchmark import LOT, ParkingBenchmark
 from dohyo.service.accounts.access import Reader
 from dohyo.service.benchmarks.catalog import AnyBenchmark, find_benchmark, offered_benchmarks
+from dohyo.service.benchmarks.own import own_file
 from dohyo.service.benchmarks.views import BenchmarkVersionView, BenchmarkView
 from dohyo.service.evaluations.queries import count_by_version
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import Name, problems
 from dohyo.service.web.heavy import heavy_read
+
+TOML: Final = "application/toml"
 
 router = APIRouter(prefix="/v1/benchmarks", tags=["benchmarks"])
 
@@ -34,6 +38,16 @@ def list_benchmarks(caller: Reader) -> list[BenchmarkView]:
 def get_benchmark(name: Name, caller: Reader) -> BenchmarkView:
     """One benchmark."""
     return _view(find_benchmark(name))
+
+
+@router.get(
+    "/{name}/file",
+    response_class=Response,
+    responses=problems(404) | {200: {"description": "The file.", "content": {TOML: {"schema": {"type": "string"}}}}},
+)
+def get_benchmark_file(name: Name, caller: Reader) -> Response:
+    """The TOML file of one of the organiser's own benchmarks, for `dohyo evaluate --benchmark`; the others ship."""
+    return Response(own_file(name), media_type=TOML)
 
 
 @router.get("/{name}/versions", responses=problems(404))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.concurrency import run_in_threadpool
@@ -24,14 +24,17 @@ from dohyo.service.state import ServicesOf
 from dohyo.service.submissions.agent_routes import IdempotencyKey
 from dohyo.service.web.bodies.uploads import receive_upload
 from dohyo.service.web.documents import Name, problems
+from dohyo.service.web.files import OpenFileResponse
 from dohyo.service.web.heavy import Heavy
 from dohyo.service.worlds.queries import list_live_worlds
-from dohyo.sumo_networks.errors import InvalidInputError
-from dohyo.sumo_networks.networks.entries import builtin_names, network_names
+from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.networks.entries import builtin_names, network_names, network_path
 from dohyo.sumo_networks.networks.importing import retract_network
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
 
+NETS: Final = "application/gzip", "application/xml"
+BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 Coordinate = Annotated[float | None, Query(description="Corner of the part to show, m; all four or none.")]
 
 
@@ -52,6 +55,22 @@ def list_networks(caller: Reader) -> list[NetworkView]:
 def get_network(name: Name, caller: Reader) -> NetworkView:
     """One network."""
     return view_network(name)
+
+
+@router.get(
+    "/{name}/net",
+    response_class=Response,
+    responses=problems(404) | {200: {"description": "The net.", "content": dict.fromkeys(NETS, BINARY)}},
+)
+def get_net(name: Name, caller: Reader) -> Response:
+    """The SUMO net, packed if the catalog has it so. `dohyo networks import` takes it without a change."""
+    check_known(name)
+    path = network_path(name)
+    try:
+        file = path.open("rb")
+    except OSError as error:  # deleted since
+        raise UnknownNameError("network", name, network_names()) from error
+    return OpenFileResponse(file, media_type=NETS[path.suffix != ".gz"], filename=path.name)
 
 
 @router.get(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -75,6 +76,14 @@ def test_a_faulty_file_is_told_and_leaves_the_others_as_they_are(
     assert str(service.services.settings.data) not in answer.text
 
 
+def test_only_files_of_the_organisers_own_are_sent(service: Harness) -> None:
+    place(service.services.settings.data, "mine", MINE)
+    answer = service.client.get("/v1/benchmarks/mine/file")
+    assert (answer.text, answer.headers["content-type"]) == (MINE, "application/toml")
+    for name in ("quickstart", "other", "..%2Fmine"):
+        assert service.client.get(f"/v1/benchmarks/{name}/file").status_code == 404
+
+
 def test_a_shipped_benchmark_keeps_its_name(service: Harness) -> None:
     before = service.client.get("/v1/benchmarks/quickstart").json()
     place(service.services.settings.data, "quickstart", MINE.replace('"mine"', '"quickstart"'))
@@ -98,8 +107,23 @@ def test_agents_are_ranked_and_verified_on_an_uploaded_city(tmp_path: Path) -> N
         assert [row["agent"] for row in client.leaderboard("mine")["rows"]] == ["pilot"]
         (episode,) = client.episodes(ended["id"])
         assert served.ask("POST", f"/v1/episodes/{episode['id']}/verify")["same"]
+        take_along(served, tmp_path, episode["record_hash"])
         refused = httpx.delete(f"{served.url}/v1/networks/city", headers={"authorization": f"Bearer {served.token}"})
         assert_problem(refused, 409, "benchmark 'mine' of this service drives on network 'city'")
+
+
+def take_along(served: Served, folder: Path, record_hash: str) -> None:
+    """Imports the city and copies the benchmark elsewhere, by the service's answers alone; it drives the same there."""
+    headers, home = {"authorization": f"Bearer {served.token}"}, os.environ | {"DOHYO_HOME": str(folder / "home")}
+    for path, name in (("networks/city/net", "city.net.xml.gz"), ("benchmarks/mine/file", "mine.toml")):
+        answer = httpx.get(f"{served.url}/v1/{path}", headers=headers)
+        assert answer.status_code == 200, answer.text
+        (folder / name).write_bytes(answer.content)
+    assert dohyo("networks", "import", str(folder / "city.net.xml.gz"), "--name", "city", env=home).wait() == 0
+    drive = ("--agent", "autopilot", "--benchmark", str(folder / "mine.toml"), "--out", str(folder / "out"))
+    assert dohyo("evaluate", *drive, env=home).wait() == 0
+    (record,) = (folder / "out" / "records").glob("*.json")
+    assert json.loads(record.read_text())["record_hash"] == record_hash
 
 
 def upload(served: Served, folder: Path) -> None:
