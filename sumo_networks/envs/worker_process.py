@@ -1,4 +1,4 @@
-"""WorkerProcess: a process that carries out commands, and ends with its parent in any case.
+"""WorkerProcess: a process that carries out commands, and ends with its parent, `JOIN_S` later at most.
 
 A step is one byte to the worker and one back: nothing is pickled.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import pickle
 import select
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -99,7 +100,7 @@ class WorkerProcess:
         ours, theirs = worker_context().Pipe()
         try:
             with _one_thread():
-                process = worker_process(_serve, theirs, self._make_host)
+                process = worker_process(_serve, _Watched(theirs), self._make_host)
                 process.start()
         except (AttributeError, TypeError, pickle.PicklingError) as error:  # what pickle raises
             ours.close()
@@ -191,6 +192,30 @@ def _one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+class _Watched:
+    """The worker's end of the pipe, watched from its unpickling on: what follows it may be imported for long."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def __reduce__(self) -> tuple[Callable[[Connection], Connection], tuple[Connection]]:
+        return _watch, (self._connection,)
+
+
+def _watch(connection: Connection) -> Connection:
+    """Ends this process `JOIN_S` after the other end is closed, unless `_serve` has done so; returns this end."""
+    other_end = select.poll()
+    other_end.register(connection.fileno(), 0)  # no message wakes it
+
+    def wait() -> None:
+        other_end.poll()
+        time.sleep(JOIN_S)
+        os._exit(1)
+
+    threading.Thread(target=wait, name="watch", daemon=True).start()
+    return connection
 
 
 def _serve(connection: Connection, make_host: Callable[[], Host]) -> None:
