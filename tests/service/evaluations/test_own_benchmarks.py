@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import httpx
@@ -11,9 +10,8 @@ import pytest
 
 from dohyo.service.client.client import Client
 from tests.extracts import grid
-from tests.forked import dohyo
 from tests.service.harness import Harness, assert_problem
-from tests.service.serving import Served, serving
+from tests.service.serving import Served, command, serving
 
 MINE = """
 name = "mine"
@@ -92,14 +90,14 @@ def test_a_shipped_benchmark_keeps_its_name(service: Harness) -> None:
 
 
 @pytest.mark.slow
-def test_agents_are_ranked_and_verified_on_an_uploaded_city(tmp_path: Path) -> None:
+def test_agents_are_ranked_and_verified_on_an_uploaded_city(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As the page tells it: upload, draw missions, copy the file."""
     with serving(tmp_path / "data") as served, Client(served.url, served.token) as client:
         upload(served, tmp_path)
-        home = os.environ | {"DOHYO_HOME": str(tmp_path / "data")}
-        out = tmp_path / "data" / "benchmarks" / "mine.toml"
-        drawn = ("mine", "--network", "city", "--missions", "1", "--seeds", "0", "--out", str(out))
-        assert dohyo("benchmarks", "create", *drawn, env=home).wait() == 0
+        monkeypatch.setenv("DOHYO_HOME", str(tmp_path / "data"))
+        out = str(tmp_path / "data" / "benchmarks" / "mine.toml")
+        drawn = ("--network", "city", "--missions", "1", "--traffic", "empty", "--seeds", "0", "--out", out)
+        assert command("benchmarks", "create", "mine", *drawn).exit_code == 0
         client.register_agent("pilot")
         client.submit_builtin("pilot", "autopilot")
         ended = client.wait(client.evaluate("pilot", "mine", ranked=True)["id"], PATIENCE_S)
@@ -107,6 +105,7 @@ def test_agents_are_ranked_and_verified_on_an_uploaded_city(tmp_path: Path) -> N
         assert [row["agent"] for row in client.leaderboard("mine")["rows"]] == ["pilot"]
         (episode,) = client.episodes(ended["id"])
         assert served.ask("POST", f"/v1/episodes/{episode['id']}/verify")["same"]
+        monkeypatch.setenv("DOHYO_HOME", str(tmp_path / "home"))
         take_along(served, tmp_path, episode["record_hash"])
         refused = httpx.delete(f"{served.url}/v1/networks/city", headers={"authorization": f"Bearer {served.token}"})
         assert_problem(refused, 409, "benchmark 'mine' of this service drives on network 'city'")
@@ -114,14 +113,14 @@ def test_agents_are_ranked_and_verified_on_an_uploaded_city(tmp_path: Path) -> N
 
 def take_along(served: Served, folder: Path, record_hash: str) -> None:
     """Imports the city and copies the benchmark elsewhere, by the service's answers alone; it drives the same there."""
-    headers, home = {"authorization": f"Bearer {served.token}"}, os.environ | {"DOHYO_HOME": str(folder / "home")}
+    headers = {"authorization": f"Bearer {served.token}"}
     for path, name in (("networks/city/net", "city.net.xml.gz"), ("benchmarks/mine/file", "mine.toml")):
         answer = httpx.get(f"{served.url}/v1/{path}", headers=headers)
         assert answer.status_code == 200, answer.text
         (folder / name).write_bytes(answer.content)
-    assert dohyo("networks", "import", str(folder / "city.net.xml.gz"), "--name", "city", env=home).wait() == 0
+    assert command("networks", "import", str(folder / "city.net.xml.gz"), "--name", "city").exit_code == 0
     drive = ("--agent", "autopilot", "--benchmark", str(folder / "mine.toml"), "--out", str(folder / "out"))
-    assert dohyo("evaluate", *drive, env=home).wait() == 0
+    assert command("evaluate", *drive, "--workers", "1").exit_code == 0
     (record,) = (folder / "out" / "records").glob("*.json")
     assert json.loads(record.read_text())["record_hash"] == record_hash
 
