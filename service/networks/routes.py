@@ -33,7 +33,8 @@ from dohyo.sumo_networks.networks.importing import retract_network
 
 router = APIRouter(prefix="/v1/networks", tags=["networks"])
 
-NETS: Final = "application/gzip", "application/xml"
+PACKED: Final = "application/gzip"
+PLAIN: Final = "application/xml"
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 Coordinate = Annotated[float | None, Query(description="Corner of the part to show, m; all four or none.")]
 
@@ -60,7 +61,7 @@ def get_network(name: Name, caller: Reader) -> NetworkView:
 @router.get(
     "/{name}/net",
     response_class=Response,
-    responses=problems(404) | {200: {"description": "The net.", "content": dict.fromkeys(NETS, BINARY)}},
+    responses=problems(404) | {200: {"description": "The net.", "content": {PACKED: BINARY, PLAIN: BINARY}}},
 )
 def get_net(name: Name, caller: Reader) -> Response:
     """The SUMO net, packed if the catalog has it so. `dohyo networks import` takes it without a change."""
@@ -70,7 +71,7 @@ def get_net(name: Name, caller: Reader) -> Response:
         file = path.open("rb")
     except OSError as error:  # deleted since
         raise UnknownNameError("network", name, network_names()) from error
-    return OpenFileResponse(file, media_type=NETS[path.suffix != ".gz"], filename=path.name)
+    return OpenFileResponse(file, media_type=PACKED if path.suffix == ".gz" else PLAIN, filename=path.name)
 
 
 @router.get(
@@ -138,7 +139,7 @@ async def create_network(
 def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
     """Deletes an uploaded network that no live world and no benchmark uses; its name is free again.
 
-    Records of earlier worlds stay, without the roads that their replays need.
+    Earlier records stay, without the roads that their replays need.
     """
     check_known(name)
     with services.database.session() as session:

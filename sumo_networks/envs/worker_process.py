@@ -1,5 +1,7 @@
 """WorkerProcess: a process that carries out commands, and ends with its parent, `JOIN_S` later at most.
 
+Only a call of C that holds Python's lock for longer delays that.
+
 A step is one byte to the worker and one back: nothing is pickled.
 """
 

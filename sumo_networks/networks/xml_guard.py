@@ -172,7 +172,7 @@ class _Scanner:
             self._locate(attributes)
 
     def _locate(self, attributes: dict[str, str]) -> None:
-        with suppress(KeyError, ValueError):  # netconvert refuses such nodes
+        with suppress(KeyError, ValueError):  # netconvert refuses such nodes, or leaves them out
             place = float(attributes["lat"]), float(attributes["lon"])
             if all(map(math.isfinite, place)):
                 self.places.append(place)

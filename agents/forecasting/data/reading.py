@@ -16,9 +16,9 @@ import polars as pl
 
 from dohyo.agents.forecasting.data import clock_changes
 from dohyo.agents.forecasting.data.bare_times import seconds
+from dohyo.agents.forecasting.data.column_checks import check_names, segments_note, slow_notes
 from dohyo.agents.forecasting.data.csv_table import read_csv, whole_lines
 from dohyo.agents.forecasting.data.dates import is_numeric, year_first
-from dohyo.agents.forecasting.data.doubts import check_names, segments_note, slow_notes
 from dohyo.agents.forecasting.data.grid import Grid, Rows, on_grid
 from dohyo.agents.forecasting.data.no_data import no_data_notes
 from dohyo.agents.forecasting.data.speed_table import (

@@ -70,6 +70,15 @@ class GymnasiumConfig(OffPolicyRunConfig):
 
 
 @dataclass(frozen=True)
+class _Facts:
+    """What one environment of a task tells of all."""
+
+    spaces: tuple[Any, Any]  # of observations and of actions
+    alone: bool = False
+    ends: bool = True
+
+
+@dataclass(frozen=True)
 class GymnasiumTask(Task):
     """A gymnasium environment, in the form of `in_our_form`.
 
@@ -101,43 +110,36 @@ class GymnasiumTask(Task):
         return self.env.startswith(("http://", "https://"))
 
     @cached_property
-    def _spaces(self) -> tuple[Any, Any]:
+    def _facts(self) -> _Facts:
         if self.remote:
             with closing(self.make_environments(1, processes=False)) as envs:
-                return envs.single_observation_space, envs.single_action_space
-        env = self.make_env(0)
-        try:
-            return env.observation_space, env.action_space
-        finally:
-            env.close()
+                return _Facts((envs.single_observation_space, envs.single_action_space))
+        with closing(self.make_env(0)) as env:
+            ends = self.longest > 0 or env.spec is None or env.spec.max_episode_steps is not None
+            alone = isinstance(env.unwrapped, SingleDrivingEnv)
+            return _Facts((env.observation_space, env.action_space), alone, ends)
 
     @property
     def observation_space(self) -> Dict:
         """See `Task`."""
-        space: Dict = self._spaces[0]
+        space: Dict = self._facts.spaces[0]
         return space
 
     @property
     def action_space(self) -> Box | Discrete:
         """See `Task`."""
-        space: Box | Discrete = self._spaces[1]
+        space: Box | Discrete = self._facts.spaces[1]
         return space
 
-    @cached_property
+    @property
     def alone(self) -> bool:
         """See `Task`; so is an environment of dohyo, whatever wraps it."""
-        if self.remote:
-            return False
-        with closing(self.make_env(0)) as env:
-            return isinstance(env.unwrapped, SingleDrivingEnv)
+        return not self.remote and self._facts.alone
 
     @property
     def ends(self) -> bool:
         """Whether an episode has a limit of steps, as far as is known."""
-        if self.remote or self.longest:
-            return True
-        with closing(self.make_env(0)) as env:
-            return env.spec is None or env.spec.max_episode_steps is not None
+        return self.remote or self._facts.ends
 
     def make_env(self, rank: int) -> Env:
         """See `Task`.

@@ -1,4 +1,4 @@
-"""Doubts: what a table probably holds beside speeds is told in notes, and refused only where its name says so."""
+"""Checks of columns: one that its name calls another quantity than a speed is refused, one that may be is told."""
 
 from __future__ import annotations
 
