@@ -38,13 +38,7 @@ def submit(team: Caller, order: object, **options: Any) -> Any:
 
 def upload(team: Caller, content: bytes, spec: object = SPEC, name: str = "policy.onnx", **options: Any) -> Any:
     form = {"spec": spec if isinstance(spec, str) else json.dumps(spec)}
-    return team.client.post(
-        "/v1/agents/mine/submissions/onnx",
-        data=form,
-        files={"file": (name, content)},
-        headers=team.headers | {"prefer": "wait=30"} | options.pop("headers", {}),
-        **options,
-    )
+    return team.post("/v1/agents/mine/submissions/onnx", data=form, files={"file": (name, content)}, **options)
 
 
 def test_names_are_taken_once_for_all_owners(stored: Harness) -> None:
