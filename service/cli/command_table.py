@@ -125,6 +125,16 @@ COMMANDS: dict[str, Command | Group] = {
             "revoke": Command("tokens:revoke", "Revokes a token at once and permanently."),
         },
     ),
+    "database": Group(
+        "Database of the service.",
+        {
+            "move": Command(
+                "database:move",
+                "Moves a stopped service into another database: all rows are copied, and the data folder belongs to it"
+                " then.",
+            ),
+        },
+    ),
     "dataset": Group(
         "Datasets for learning.",
         {
