@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
-from anyio import CapacityLimiter, to_thread
-from anyio.lowlevel import RunVar
 from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
@@ -22,9 +20,10 @@ from dohyo.service.accounts.queries import find_token
 from dohyo.service.database.engine import Database
 from dohyo.service.errors import ForbiddenError, UnauthorisedError
 from dohyo.service.state import ServicesOf
+from dohyo.service.web.own_threads import OwnThreads
 
 LONGEST_TOKEN = 200
-THREADS = 8
+_THREADS = OwnThreads("tokens", 8)
 
 _bearer = HTTPBearer(auto_error=False, description="A token, as `dohyo tokens create` or `POST /v1/tokens` gives it.")
 
@@ -88,7 +87,7 @@ async def identify(request: Request, credentials: Credentials, services: Service
     if len(credentials.credentials) > LONGEST_TOKEN:
         raise UnauthorisedError()
     find = partial(_find, services.database, credentials.credentials)
-    token = await to_thread.run_sync(find, limiter=_threads())
+    token = await _THREADS.run(find)
     if token is None:
         raise UnauthorisedError()
     caller = Caller(token.owner, token.role, token.id, public)
@@ -99,17 +98,6 @@ async def identify(request: Request, credentials: Credentials, services: Service
 def _find(database: Database, secret: str) -> Token | None:
     with database.reading() as session:
         return find_token(session, secret)
-
-
-_limiter: RunVar[CapacityLimiter] = RunVar("threads for tokens")
-
-
-def _threads() -> CapacityLimiter:
-    """Threads for tokens only, so that a check never waits behind uploads and other long requests."""
-    limiter = _limiter.get(None)
-    if limiter is None:
-        _limiter.set(limiter := CapacityLimiter(THREADS))
-    return limiter
 
 
 Identified = Annotated[Caller | None, Depends(identify)]

@@ -51,7 +51,7 @@ def same_origin(request: Request) -> bool:
     if site is not None:
         return site in ("same-origin", "none")
     origin = request.headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == request.url.netloc
+    return origin is None or _host(origin) == request.url.netloc
 
 
 def _proved(headers: Headers) -> bool:
@@ -62,7 +62,15 @@ def _proved(headers: Headers) -> bool:
     if site is not None:
         return site == "same-origin"
     origin = headers.get("origin")
-    return origin is not None and urlsplit(origin).netloc == headers.get("host")
+    return origin is not None and _host(origin) == headers.get("host")
+
+
+def _host(origin: str) -> str:
+    """Host and port of an origin; empty for one that is none, such as "http://[" or "null"."""
+    try:
+        return urlsplit(origin).netloc
+    except ValueError:
+        return ""
 
 
 def show_errors_as_pages(app: FastAPI, render: Callable[..., Response]) -> None:

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.orm import Session
 
-from dohyo.service.accounts.access import Caller, Holder
+from dohyo.service.accounts.access import Caller, Holder, Submitter
 from dohyo.service.errors import NotFoundError
 from dohyo.service.jobs import queries
 from dohyo.service.jobs.model import Job, JobStatus
@@ -69,8 +69,8 @@ async def stream_job_events(
     return EventResponse(request, events)
 
 
-@router.delete("/{identifier}", status_code=204, responses=problems(404))
-async def delete_job(identifier: Identifier, caller: Holder, services: ServicesOf) -> None:
+@router.delete("/{identifier}", status_code=204, responses=problems(403, 404))
+async def delete_job(identifier: Identifier, caller: Submitter, services: ServicesOf) -> None:
     """Cancels an unfinished job, which stays readable; deletes a finished one."""
     state = await run_in_threadpool(_state, services, caller, identifier)
     if state.status.finished:

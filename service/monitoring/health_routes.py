@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import SQLAlchemyError
@@ -14,6 +14,9 @@ from dohyo.service.errors import problem
 from dohyo.service.monitoring.room import lack_of_room
 from dohyo.service.state import ServicesOf
 from dohyo.service.web.documents import problems
+from dohyo.service.web.own_threads import OwnThreads
+
+_THREADS = OwnThreads("health checks", 4)
 
 router = APIRouter(prefix="/health", tags=["health"], responses=problems())
 
@@ -32,16 +35,14 @@ async def get_readiness(services: ServicesOf) -> dict[str, Any] | JSONResponse:
     if services.database.fenced:
         return problem(503, "this server has lost its lock on the database", {"retry-after": "5"})
     try:
-        # Threads of its own: the others may all be busy with long requests.
-        await to_thread.run_sync(services.database.check, limiter=CapacityLimiter(1))
+        await _THREADS.run(services.database.check)
     except SQLAlchemyError:
         return problem(503, "the database does not answer", {"retry-after": "5"})
-    data = services.settings.data
-    if lack := await to_thread.run_sync(lack_of_room, data, limiter=CapacityLimiter(1)):
+    if lack := await _THREADS.run(partial(lack_of_room, services.settings.data)):
         return problem(503, lack, {"retry-after": "60"})
     return {
         "status": "ready",
         "started": services.started.isoformat(),
         "episodes": services.scheduler.snapshot(),
-        "confinement": await to_thread.run_sync(layers, limiter=CapacityLimiter(1)),
+        "confinement": await _THREADS.run(layers),
     }

@@ -59,7 +59,8 @@ class Metrics:
         if status in REFUSED:
             self.refused.labels(REFUSED[status]).inc()
         # Paths and methods that a client invents would make a series each.
-        route = STEP if scope["path"].endswith("/step") else scope["state"].get("route", "none")
+        stepped = scope["path"].startswith("/v1/leases/") and scope["path"].endswith("/step")
+        route = STEP if stepped else scope["state"].get("route", "none")
         method = scope["method"] if scope["method"] in METHODS else "other"
         if route == STEP and status == 200:
             self.steps.observe(took_s)

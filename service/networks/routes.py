@@ -141,9 +141,10 @@ def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
 
     Earlier records stay, without the roads that their replays need.
     """
-    check_known(name)
     with services.database.session() as session:
         row = session.get(UploadedNetwork, name)
+        if row is None:
+            check_known(name)
         if row is None or not caller.owns(row.owner):
             raise ForbiddenError(f"network '{name}' is not yours")
         if used := [one.name for one in own_benchmarks() if name in one.networks]:
@@ -151,7 +152,9 @@ def delete_network(name: Name, caller: Submitter, services: ServicesOf) -> None:
         if there := [world.id for world in list_live_worlds(session) if world.network == name]:
             raise ConflictError(f"world '{there[0]}' drives on network '{name}'; end it first")
         session.delete(row)
-        retract_network(name)
+        # Files first: a deletion that is cut off here can be sent again, where files without a row would stay.
+        if name in network_names():
+            retract_network(name)
 
 
 def _box(*corners: float | None) -> Box | None:

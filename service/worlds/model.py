@@ -6,7 +6,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import String
+from sqlalchemy import BigInteger, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from dohyo.service.database.base import Base, now
@@ -51,7 +51,7 @@ class World(Base):
     reason: Mapped[str | None] = mapped_column(String(2000))
     tick: Mapped[int] = mapped_column(default=0)
     record_hash: Mapped[str | None] = mapped_column(String(64))
-    kept_bytes: Mapped[int] = mapped_column(default=0)
+    kept_bytes: Mapped[int] = mapped_column(BigInteger, default=0)
 
     @property
     def network(self) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.records.store import read_whole_record
+from dohyo.evaluation.records.store import parse_record, read_whole_record
 from dohyo.service.episodes.archive import record_size
 from dohyo.service.errors import ConflictError, GoneError
 from dohyo.service.settings import Settings
@@ -36,6 +39,48 @@ def kept_record(settings: Settings, row: World) -> Path:
     if row.kept_bytes == 0 or not path.exists():
         raise GoneError(f"the record of world '{row.id}' is no longer kept")
     return path
+
+
+def read_kept_record(settings: Settings, row: World) -> bytes:
+    """Content of the record that a world has, after a check of its hash.
+
+    Raises:
+        ConflictError: It has none.
+        GoneError: It is no longer kept, or not whole.
+    """
+    path = kept_record(settings, row)
+    with _gone(row):
+        content = path.read_bytes()
+        _check_hash(parse_record(content, path.name), row)
+    return content
+
+
+def open_kept_trajectory(settings: Settings, row: World) -> BinaryIO:
+    """The file of a world's trajectories, after a check of it; it can be read even if it is deleted.
+
+    Raises:
+        ConflictError: The world has no record.
+        GoneError: It is no longer kept, or not whole.
+    """
+    path = kept_record(settings, row)
+    with _gone(row), contextlib.ExitStack() as stack:
+        file = stack.enter_context(path.with_suffix(".parquet").open("rb"))
+        _check_hash(read_whole_record(path), row)
+        stack.pop_all()
+    return file
+
+
+@contextlib.contextmanager
+def _gone(row: World) -> Iterator[None]:
+    try:
+        yield
+    except (InvalidInputError, OSError) as error:
+        raise GoneError(f"the record of world '{row.id}' is no longer kept, or not whole") from error
+
+
+def _check_hash(record: EpisodeRecord, row: World) -> None:
+    if record.record_hash != row.record_hash:
+        raise InvalidInputError(f"expected the record {row.record_hash}, got {record.record_hash}")
 
 
 def _why_none(row: World) -> str:

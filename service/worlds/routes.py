@@ -21,7 +21,7 @@ from dohyo.service.worlds import queries
 from dohyo.service.worlds.access import find_world, live_world, world_of
 from dohyo.service.worlds.bodies import PaceRequest, ResetRequest, StepRequest, WorldRequest
 from dohyo.service.worlds.orders import scenario_of
-from dohyo.service.worlds.records import kept_record, records_folder, remove_record
+from dohyo.service.worlds.records import open_kept_trajectory, read_kept_record, records_folder, remove_record
 from dohyo.service.worlds.views import WorldView, view_world
 from dohyo.sumo_networks.scenario import content_hash
 
@@ -145,9 +145,9 @@ def get_world_record(identifier: Identifier, caller: Holder, services: ServicesO
     """
     with services.database.reading() as session:
         row = world_of(session, caller, identifier)
-        path, record_hash = kept_record(services.settings, row), str(row.record_hash)
-    headers = {SIGNATURE_HEADER: signature_header(services.signing.sign(record_hash))}
-    return Response(path.read_bytes(), media_type="application/json", headers=headers)
+    content = read_kept_record(services.settings, row)
+    headers = {SIGNATURE_HEADER: signature_header(services.signing.sign(str(row.record_hash)))}
+    return Response(content, media_type="application/json", headers=headers)
 
 
 @router.get(
@@ -158,8 +158,8 @@ def get_world_record(identifier: Identifier, caller: Holder, services: ServicesO
 def get_world_trajectory(identifier: Identifier, caller: Holder, services: ServicesOf) -> Response:
     """Trajectories of a world that has ended as Parquet, one row per object and tick."""
     with services.database.reading() as session:
-        path = kept_record(services.settings, world_of(session, caller, identifier))
-    file = path.with_suffix(".parquet").open("rb")
+        row = world_of(session, caller, identifier)
+    file = open_kept_trajectory(services.settings, row)
     return OpenFileResponse(file, media_type="application/vnd.apache.parquet", filename=f"{identifier}.parquet")
 
 

@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 from pydantic import SecretStr
 
+from dohyo.evaluation.records.store import seal, write_record
 from dohyo.service.database.base import now
 from dohyo.service.database.identity import check_folder, claim
 from dohyo.service.signing.keys import SigningKeys
 from dohyo.service.worlds.model import World, WorldStatus
 from dohyo.service.worlds.records import record_path
+from tests.evaluation.builders import drive, ego, episode
 from tests.service import postgres
 from tests.service.harness import Caller, Harness, running
 
@@ -45,11 +47,12 @@ def fill(service: Harness) -> tuple[str, str]:
     (settings.records / "ab").mkdir()
     (settings.records / "ab" / "record.json").write_text("{}")
     claim(settings.data, service.services.database)
+    record = seal(episode(ego(progress_m=100.0)))
     with service.services.database.session() as session:
-        ended = {"status": WorldStatus.DONE, "finished": now(), "record_hash": "0" * 64, "kept_bytes": 2}
+        ended = {"status": WorldStatus.DONE, "finished": now(), "record_hash": record.record_hash, "kept_bytes": 2}
         session.add(World(id="wo-kept", owner="team", order={"network": "ingolstadt"}, **ended))
-    record_path(settings, "wo-kept").parent.mkdir()
-    record_path(settings, "wo-kept").write_text("{}")
+    path = record_path(settings, "wo-kept")
+    write_record(path.parent, path.stem, record, drive())
     for folder in ("networks", "benchmarks", "logs"):  # made by imports, an organiser, and `dohyo prepare`
         (settings.data / folder).mkdir()
     return team.headers["authorization"].removeprefix("Bearer "), team.evaluation("kept")
@@ -69,7 +72,8 @@ def check(service: Harness, token: str, evaluation: str, retired_key: str) -> No
     check_folder(settings.data, settings.records, service.services.database)
     assert team.get(f"/v1/evaluations/{evaluation}").json()["agent"] == "kept"
     assert (settings.records / "ab" / "record.json").is_file()
-    assert team.get("/v1/worlds/wo-kept/record").text == "{}"
+    assert team.get("/v1/worlds/wo-kept/record").json()["egos"][0]["progress_m"] == 100.0
+    assert team.get("/v1/worlds/wo-kept/trajectory").content[:4] == b"PAR1"
     assert team.get("/v1/signing-key").json()["retired"] == [retired_key]
     assert team.get("/health/ready").status_code == 200
 

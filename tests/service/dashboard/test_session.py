@@ -71,6 +71,7 @@ def test_a_private_page_leads_a_visitor_without_a_token_to_sign_in_and_back(clie
         {"x-dohyo-page": "1", "sec-fetch-site": "none"},
         {"x-dohyo-page": "1", "origin": "https://evil.example"},
         {"x-dohyo-page": "1", "origin": "null"},
+        {"x-dohyo-page": "1", "origin": "http://["},
     ],
 )
 def test_a_change_that_no_own_page_sent_gets_no_token(client: httpx.Client, headers: dict[str, str]) -> None:
@@ -98,7 +99,9 @@ def test_a_form_of_another_site_changes_nothing_in_a_browser(visit: Visitor, sit
     assert answer.value.json() is None
 
 
-@pytest.mark.parametrize("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "https://evil.example"}])
+@pytest.mark.parametrize(
+    "headers", [{"sec-fetch-site": "cross-site"}, {"origin": "https://evil.example"}, {"origin": "http://["}]
+)
 def test_a_form_of_another_site_signs_nobody_in_or_out(client: httpx.Client, headers: dict[str, str]) -> None:
     answer = sign_in(client, headers=headers)
     assert answer.status_code == 403

@@ -166,6 +166,9 @@ def test_jobs_are_their_owners_and_administrators_only(service: Harness, desk: D
     assert_problem(service.client.get(f"/v1/jobs/{job}"), 401)
     assert other.get("/v1/jobs").json()["items"] == []
     assert [one["id"] for one in admin.get("/v1/jobs").json()["items"]] == [job]
+    reader = service.caller("team", Role.READER)
+    assert reader.get(f"/v1/jobs/{job}").status_code == 200
+    assert_problem(reader.delete(f"/v1/jobs/{job}"), 403)
     assert status(service, job) in ("queued", "running")
 
 

@@ -99,3 +99,17 @@ def test_steps_of_workers_are_counted_by_themselves(service: Harness) -> None:
     assert found["dohyo_wire_step_seconds_count", labels()] == 1
     assert found["dohyo_wire_step_seconds_bucket", labels(le="0.0003")] == 0
     assert not [key for key in found if STEP in str(key)]
+
+
+def test_steps_of_live_worlds_are_requests_as_others(service: Harness) -> None:
+    """They wait for the other drivers of the world, up to half a minute."""
+    scope = {
+        "type": "http",
+        "path": "/v1/seats/s-1/step",
+        "method": "POST",
+        "state": {"route": "/v1/seats/{seat}/step"},
+    }
+    service.services.metrics.note_request(scope, 200, 25.0)
+    found = scraped(service)
+    assert found["dohyo_wire_step_seconds_count", labels()] == 0
+    assert found["dohyo_requests_total", labels(route="/v1/seats/{seat}/step", method="POST", status="200")] == 1

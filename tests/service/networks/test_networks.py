@@ -18,6 +18,7 @@ from dohyo.service.worlds.queries import finish_world
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import network_path
+from dohyo.sumo_networks.networks.importing import retract_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from tests.extracts import BLACKPOOL, as_pbf, crossroads
 from tests.service.harness import Caller, Harness, assert_problem, running
@@ -173,9 +174,13 @@ def test_an_uploaded_network_lives_in_the_data_folder_and_never_changes(
     assert_problem(team.delete("/v1/networks/my-town"), 409, "world 'wo-1' drives on network 'my-town'")
     with service.services.database.session() as session:
         finish_world(session, "wo-1", WorldStatus.DONE, None, 0, None)
+    retract_network("my-town")  # as by a deletion that was cut off after it: the row is still there
     assert team.delete("/v1/networks/my-town").status_code == 204
     assert not (data / "networks" / "my-town").exists()
     assert_problem(service.client.get("/v1/networks/my-town"), 404)
+    assert_problem(team.delete("/v1/networks/my-town"), 404)
+    assert upload(team, PLAIN).status_code == 201
+    assert team.delete("/v1/networks/my-town").status_code == 204
 
 
 @pytest.mark.slow
