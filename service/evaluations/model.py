@@ -84,6 +84,7 @@ class BenchmarkVersion(Base):
         return family_of(self.document, self.name)
 
 
+UNANNOUNCED: Final = text("announced IS NULL OR announced < finished")
 NEXT_NUMBER: Final = text("(SELECT coalesce(max(number), 0) + 1 FROM evaluations)")
 
 
@@ -104,7 +105,11 @@ class Evaluation(Base):
     """
 
     __tablename__ = "evaluations"
-    __table_args__ = (Index("by_ranking", "ranking_id", "status"), Index("by_creation", "created", "id"))
+    __table_args__ = (
+        Index("by_ranking", "ranking_id", "status"),
+        Index("by_creation", "created", "id"),
+        Index("unannounced", "status", sqlite_where=UNANNOUNCED, postgresql_where=UNANNOUNCED),
+    )
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     owner: Mapped[str] = mapped_column(String(100), index=True)

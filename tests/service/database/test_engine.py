@@ -25,6 +25,7 @@ from dohyo.service.database.server_lock import server_lock
 from dohyo.service.evaluations.model import BenchmarkVersion, Episode, EpisodeStatus, Evaluation
 from dohyo.service.evaluations.versions import EARLIER
 from dohyo.service.submissions.model import Agent, Submission
+from dohyo.service.worlds.model import World
 from dohyo.service.worlds.queries import add_guest, list_guests
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.service import postgres
@@ -164,6 +165,18 @@ def test_guests_of_before_have_no_time_of_admission(database: Database) -> None:
         assert found == {"guest": False, "late": True}
 
 
+def test_sizes_of_worlds_of_before_stay_and_larger_ones_have_room(database: Database) -> None:
+    """Before, PostgreSQL had 32 bits for them."""
+    with database.session() as session:
+        session.add(World(id="wo-1", owner="o", order={}, kept_bytes=7))
+    _downgrade(database, "2026_17_orders_of_results")
+    database.migrate()
+    with database.session() as session:
+        session.add(World(id="wo-2", owner="o", order={}, kept_bytes=3_000_000_000))
+    with database.reading() as session:
+        assert session.scalars(select(World.kept_bytes).order_by(World.id)).all() == [7, 3_000_000_000]
+
+
 def _downgrade(database: Database, revision: str) -> None:
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
@@ -191,7 +204,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     database = Database(empty_database_url)
     with database.reading() as session:
         found = session.scalars(text("SELECT version_num FROM alembic_version")).all()  # type: ignore[call-overload]
-        assert found == ["2026_17_orders_of_results"]
+        assert found == ["2026_18_unannounced_ends"]
     database.close()
 
 
