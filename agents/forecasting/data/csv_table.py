@@ -16,20 +16,18 @@ SEPARATORS = {";": "';'", "\t": "a tab"}
 """Of columns in other tables than ours; neither can be part of a time or a speed."""
 
 
-def read_csv(path: Path, growing: bool) -> pl.DataFrame:
+def read_csv(path: Path, lines: bytes) -> pl.DataFrame:
     """A table whose columns are separated by commas.
 
     Args:
-        path: Of the file.
-        growing: See `whole_lines`.
+        path: Of the file, for messages.
+        lines: Its `whole_lines`.
 
     Raises:
         InvalidInputError: The text is in UTF-16, or something else separates the columns.
         polars.exceptions.PolarsError: The file is no table.
-        OSError: The file cannot be read.
         csv.Error: The first line cannot be split.
     """
-    lines = whole_lines(path, growing)
     header, _, rows = lines.partition(b"\n")
     row = rows.partition(b"\n")[0]
     if b"\0" in header:

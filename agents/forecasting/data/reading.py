@@ -191,7 +191,7 @@ def _dataset_facts(path: Path) -> dict[str, Any]:
 
 
 def _read_day(path: Path, how: Format) -> tuple[Stretch, tuple[str, ...]]:
-    table = _frame(path, how)
+    table, _ = _frame(path, how)
     names = tuple(sorted(name for name in table.columns if name.startswith("segment_")))
     if not names or "minute" not in table.columns:
         raise InvalidInputError(f"'{path}': expected the columns minute, segment_00, ..., got {_few(table.columns)}")
@@ -214,7 +214,7 @@ def _read_grid(paths: Sequence[Path], how: Format) -> Grid:
 
 
 def _read_rows(path: Path, how: Format) -> Rows:
-    table = _frame(path, how)
+    table, lines = _frame(path, how)
     time = next((name for name in table.columns[:1] if _is_time(table[name])), None)
     names = tuple(name for name in table.columns if name != time and not _is_end(table[name]))
     if not names or not len(table):
@@ -224,7 +224,7 @@ def _read_rows(path: Path, how: Format) -> Rows:
     _check_first(path, table, time)
     times, notes = (None, ()) if time is None else _times(path, table[time], how)
     clock = _clock(path, times, len(table), how)
-    offset_s = None if times is None else _offset_s(path, times, how)
+    offset_s = None if times is None else _offset_s(lines, times)
     local = times is not None and _is_local(times)
     if local:
         notes += clock_changes.notes_on_hours(clock)
@@ -232,12 +232,16 @@ def _read_rows(path: Path, how: Format) -> Rows:
     return Rows(str(path), clock, names, _speeds(path, table, names, how), offset_s, notes, local)
 
 
-def _frame(path: Path, how: Format) -> pl.DataFrame:
-    readers = {".csv": lambda: read_csv(path, how.growing), ".parquet": lambda: pl.read_parquet(path)}
-    if path.suffix.lower() not in readers:
+def _frame(path: Path, how: Format) -> tuple[pl.DataFrame, bytes]:
+    """A table, and its lines if it is CSV: both of one reading, since another program may replace the file."""
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".parquet"):
         raise InvalidInputError(f"'{path}': expected a .csv or .parquet file")
     try:
-        return readers[path.suffix.lower()]()
+        if suffix == ".parquet":
+            return pl.read_parquet(path), b""
+        lines = whole_lines(path, how.growing)
+        return read_csv(path, lines), lines
     except (pl.exceptions.PolarsError, OSError, csv.Error) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {str(error).splitlines()[0]}") from error
 
@@ -345,13 +349,13 @@ def _is_local(column: pl.Series) -> bool:
     return column.dtype.is_temporal() and zone is None
 
 
-def _offset_s(path: Path, column: pl.Series, how: Format) -> float | None:
+def _offset_s(lines: bytes, column: pl.Series) -> float | None:
     """How far the clock of a table's last time is ahead of UTC, s; None of times without a zone."""
     if not isinstance(column.dtype, pl.Datetime) or column.dtype.time_zone is None:
         return None
     last = column[-1]
-    if path.suffix.lower() == ".csv":  # polars keeps no offset
-        line = whole_lines(path, how.growing).rstrip().rpartition(b"\n")[2]
+    if lines:  # of CSV, whose offset polars does not keep
+        line = lines.rstrip().rpartition(b"\n")[2]
         try:
             last = datetime.fromisoformat(line.partition(b",")[0].strip(b'" ').decode(errors="replace"))
         except ValueError:

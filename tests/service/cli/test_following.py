@@ -147,6 +147,21 @@ def test_a_file_that_is_rotated_is_followed_on(tmp_path: Path, capsys: pytest.Ca
     assert "no file or folder" in told[0]
 
 
+def test_a_file_may_be_moved_right_after_it_was_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time,speed\n" + "".join(line(minute, 90.0).replace(",", "-05:00,") for minute in range(20)))
+    read_bytes = Path.read_bytes
+
+    def read_and_moved(file: Path) -> bytes:
+        try:
+            return read_bytes(file)
+        finally:
+            file.unlink()
+
+    monkeypatch.setattr(Path, "read_bytes", read_and_moved)
+    assert read_latest(path, Format("km/h", growing=True)).offset_s == -5 * 3600
+
+
 def test_a_first_reading_that_fails_ends_the_command(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="no file or folder"):
         next(grids_of(tmp_path / "none.csv"))
