@@ -51,7 +51,10 @@ class _Manoeuvre:
 
 def shown_records(records: Sequence[ParkingRecord]) -> list[ParkingRecord]:
     """Records whose manoeuvres a report shows: failures of each kind first, then parked ones from all times."""
-    lost = [one for one in records if not all(kart.parked for kart in one.karts)]
+    lost: list[ParkingRecord] = []
+    parked: list[ParkingRecord] = []
+    for one in records:
+        (parked if all(kart.parked for kart in one.karts) else lost).append(one)
     kinds: dict[tuple[str, str], list[ParkingRecord]] = {}
     for one in lost:
         worst = next(kart for kart in one.karts if not kart.parked)
@@ -59,7 +62,7 @@ def shown_records(records: Sequence[ParkingRecord]) -> list[ParkingRecord]:
     chosen = [some[0] for some in kinds.values()]
     chosen += [one for some in kinds.values() for one in some[1:]]
     chosen = chosen[: PLANS - PLANS // 2 + 1]
-    parked = sorted((one for one in records if one not in lost), key=lambda one: max(kart.time_s for kart in one.karts))
+    parked.sort(key=lambda one: max(kart.time_s for kart in one.karts))
     room = min(PLANS - len(chosen), len(parked))
     return chosen + [parked[(2 * index + 1) * len(parked) // (2 * room)] for index in range(room)]
 

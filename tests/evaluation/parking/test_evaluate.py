@@ -20,7 +20,7 @@ from dohyo.evaluation.parking.benchmark import ParkingBenchmark, load_parking_be
 from dohyo.evaluation.parking.evaluate import PAGE, drive_again, evaluate_parking
 from dohyo.evaluation.parking.lot_files import read_lots
 from dohyo.evaluation.parking.motion import MOTION, read_motion
-from dohyo.evaluation.parking.page import Evaluated, write_parking_page
+from dohyo.evaluation.parking.page import PLANS, Evaluated, shown_records, write_parking_page
 from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records, write_records
 from dohyo.evaluation.parking.result import compare_parking, summarise_parking
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
@@ -372,3 +372,22 @@ def test_the_page_shows_every_agent_with_plan_views(three, tmp_path):
     other = [record.model_copy(update={"benchmark": foreign}) for record in records]
     with pytest.raises(InvalidInputError, match="different benchmarks"):
         write_parking_page(tmp_path / "both.html", [both[0], Evaluated("two", other, {})])
+
+
+def test_the_lots_of_a_report_are_chosen_without_a_comparison_of_records(three, monkeypatch):
+    first = three[1][0]
+    endings = {"parked": "nothing", "collided": "wall", "timed_out": "nothing"}
+    karts = [
+        tuple(one.model_copy(update={"ending": ending, "touched": touched}) for one in first.karts)
+        for ending, touched in endings.items()
+    ]
+    many = [first.model_copy(update={"seed": seed, "karts": karts[seed % 3]}) for seed in range(60)]
+
+    def compared(*_: object) -> bool:
+        raise AssertionError("records are compared one by one, which takes the square of their number")
+
+    monkeypatch.setattr(ParkingRecord, "__eq__", compared)
+    shown = [(one.seed, one.karts[0].ending) for one in shown_records(many)]
+    assert len(shown) == PLANS
+    assert [ending for _, ending in shown[:2]] == ["collided", "timed_out"]
+    assert [seed % 3 for seed, _ in shown[6:]] == [0, 0, 0], "parked ones come last"
