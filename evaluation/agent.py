@@ -109,7 +109,11 @@ def close_agent(agent: Agent) -> None:
 
 
 def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = None, kind: Kind = "local") -> AgentInfo:
-    """Description of an agent for records."""
+    """Description of an agent for records.
+
+    Raises:
+        InvalidInputError: A file that it names as its own is missing or cannot be read.
+    """
     # The sources of an agent that wraps others include theirs, and all files that any of them names as its own.
     parts = [agent]
     while (inner := getattr(parts[-1], "inner", None)) is not None:
@@ -120,7 +124,7 @@ def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = No
         kind=kind,
         entry=entry,
         source_sha256=source_digest([type(part) for part in parts]),
-        files_sha256=_digest(files) if files else "",
+        files_sha256=_files_digest(files, agent.spec.name) if files else "",
         track=agent.spec.track,
         sensors=agent.spec.sensors,
         control=agent.spec.control,
@@ -136,12 +140,18 @@ def source_digest(classes: Sequence[type]) -> str:
         return _digest([])
 
 
-def _digest(files: Sequence[Path]) -> str:
+def _files_digest(files: Sequence[Path], agent: str) -> str:
+    """Hash of the files that an agent names as its own, all of which must be there."""
     try:
-        content = b"".join(file.read_bytes() for file in files)
-    except OSError:
-        content = b""
-    return hashlib.sha256(content).hexdigest()
+        return _digest(files)
+    except OSError as error:
+        raise InvalidInputError(
+            f"agent '{agent}': files: cannot read '{error.filename}': {error.strerror}; a record states their hash"
+        ) from error
+
+
+def _digest(files: Sequence[Path]) -> str:
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def _check(agent: Agent, entry: str) -> None:

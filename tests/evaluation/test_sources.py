@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ import pytest
 
 from dohyo.evaluation.agent import agent_info, make_agent
 from dohyo.evaluation.sources import source_files
+from dohyo.sumo_networks.errors import InvalidInputError
 
 FILES = {
     "__init__.py": '"""A team\'s agents."""\n',
@@ -107,6 +109,18 @@ def test_the_autopilot_is_more_than_its_file_and_no_part_of_the_world() -> None:
     assert {"autopilot.py", "surroundings.py", "passing.py"} <= names
     assert {path.parents[1].name for path in files} <= {"agents", "main"} | {path.parent.name for path in files}
     assert not [path for path in files if {"sumo_networks", "evaluation", "service"} & set(path.parts)]
+
+
+def test_files_that_cannot_be_read_are_refused_by_name(team: Path) -> None:
+    agent = make_agent(ENTRY)
+    weights, lost = team / "weights.bin", team / "lost.bin"
+    weights.write_bytes(b"weights")
+    agent.files = (weights,)  # type: ignore[attr-defined]  # an agent may name files of its own
+    assert agent_info(agent, ENTRY).files_sha256 == hashlib.sha256(b"weights").hexdigest()
+    for unreadable, why in ((lost, "No such file"), (team, "Is a directory")):
+        agent.files = (weights, unreadable)  # type: ignore[attr-defined]
+        with pytest.raises(InvalidInputError, match=f"agent 'driver': files: cannot read '{unreadable}': {why}"):
+            agent_info(agent, ENTRY)
 
 
 def test_a_class_without_a_file_has_no_sources() -> None:
