@@ -16,7 +16,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.orm import Session
 
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.database.patience import PatientDatabase
@@ -32,7 +31,7 @@ from dohyo.service.scheduling.results import DRAINED, OUTCOMES, Results
 from dohyo.service.scheduling.turns import Turns
 from dohyo.service.settings import Settings
 from dohyo.service.shielding import to_the_end
-from dohyo.service.storage.usage import check_bytes
+from dohyo.service.storage.usage import EpisodeCheck
 from dohyo.service.submissions.model import AgentKind
 from dohyo.service.workers.lease import RemoteEpisode
 from dohyo.service.workers.leases import SWEEP_S, LeaseBook
@@ -93,6 +92,7 @@ class Scheduler:
         self._live: dict[str, Live] = {}
         self._idle: list[EpisodeProcess] = []
         self._turns = Turns()
+        self._usage = EpisodeCheck(settings.bytes_per_owner)
         self._woken = asyncio.Event()
         self._serving: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -252,7 +252,8 @@ class Scheduler:
         ticket = live.ticket
         self._results.publish(ticket, "running")
         try:
-            await self._database.read(partial(self._check_bytes, ticket.waiting.owner))
+            # An evaluation whose owner keeps too much fails; it can be resumed after a deletion.
+            await self._database.read(partial(self._usage.check, owner=ticket.waiting.owner))
             order = await asyncio.to_thread(self._orders.make, ticket)
         except DohyoError as error:
             await self._fail(ticket, str(error))
@@ -273,10 +274,6 @@ class Scheduler:
             await self._fail(ticket, outcome.text)
         elif outcome.end is not End.FINISHED:
             await self._results.give_up(ticket, outcome, live.processor_s)
-
-    def _check_bytes(self, owner: str, session: Session) -> None:
-        """An evaluation whose owner keeps too much fails; it can be resumed after a deletion."""
-        check_bytes(session, owner, self._settings.bytes_per_owner)
 
     async def _in_process(self, order: EpisodeOrder, live: Live) -> Outcome:
         """Drives an order in a process, which is then kept for the next one."""

@@ -28,6 +28,7 @@ from dohyo.service.episodes.archive import archived_path
 from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, EvaluationStatus
 from dohyo.service.scheduling import queue, results, scheduler
 from dohyo.service.scheduling.queue import Ticket
+from dohyo.service.storage import usage
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
 from tests.service.scheduling.scheduled import Stop, scheduled, submit, until
@@ -64,7 +65,7 @@ def test_a_locked_database_delays_a_start_and_a_result_and_loses_none(
 ) -> None:
     """The lock comes before the episode's first query, and again between its drive and the storing of its result."""
     monkeypatch.setattr(patience, "RETRY_S", (0.1,))
-    reads = [] if shop.database.is_sqlite else [(scheduler, "check_bytes")]  # SQLite's readers wait for nobody
+    reads = [] if shop.database.is_sqlite else [(usage, "check_bytes")]  # SQLite's readers wait for nobody
     stops = []
     for module, step in (*reads, (results, "shelve")):
         stops.append(Stop(getattr(module, step)))

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from dohyo.evaluation.records.record import EpisodeRecord
 from dohyo.evaluation.records.trajectory import Trajectory
@@ -16,8 +17,8 @@ from dohyo.service.episodes import readers
 from dohyo.service.errors import StorageFullError
 from dohyo.service.evaluations.model import Attempt, Episode, EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.scheduling import queue
-from dohyo.service.storage import deletion, retention
-from dohyo.service.storage.usage import check_bytes, kept_bytes
+from dohyo.service.storage import deletion, retention, usage
+from dohyo.service.storage.usage import LARGE_RECORD, EpisodeCheck, check_bytes, kept_bytes
 from dohyo.service.submissions.model import AgentKind, Submission
 from tests.evaluation.builders import ego, episode
 from tests.service.clock import WrongClock
@@ -76,6 +77,43 @@ def test_an_evaluation_of_a_full_tenant_fails_with_the_reason_and_can_be_resumed
             assert queue.waiting(session) == []
     finally:
         service.close()
+
+
+def test_before_each_episode_the_sum_of_before_is_reused_where_it_leaves_room(
+    shop: Shop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sums: list[str] = []
+
+    def counted(session: Session, owner: str) -> int:
+        sums.append(owner)
+        return kept_bytes(session, owner)
+
+    def begin(check: EpisodeCheck, episodes: int, owner: str = "ann") -> int:
+        """How often the owner's bytes are summed before so many episodes."""
+        sums.clear()
+        with shop.services.database.reading() as session:
+            for _ in range(episodes):
+                check.check(session, owner)
+        return len(sums)
+
+    monkeypatch.setattr(usage, "kept_bytes", counted)
+    _, (one,) = shop.evaluation(shop.submission("agent"), [one_record()])
+    roomy, narrow = EpisodeCheck(1000 * LARGE_RECORD), EpisodeCheck(10 * LARGE_RECORD)
+    assert [begin(roomy, 500), begin(roomy, 1, "bob")] == [1, 1]
+    assert begin(narrow, 90) == 10, "after as many episodes as surely have room"
+    with shop.services.database.session() as session:
+        session.get_one(Episode, one).kept_bytes = 2000 * LARGE_RECORD
+    assert begin(roomy, 1) == 0
+    monkeypatch.setattr(usage, "REUSED_S", -1.0)
+    late = EpisodeCheck(3000 * LARGE_RECORD)
+    assert begin(late, 5) == 5, "a sum that is too old does not count"
+    full = EpisodeCheck(1000 * LARGE_RECORD)
+    for _ in range(2):
+        with pytest.raises(StorageFullError):
+            begin(full, 1)
+    with shop.services.database.session() as session:
+        session.get_one(Episode, one).kept_bytes = 0
+    assert begin(full, 1) == 1, "after a deletion it goes on at once"
 
 
 def test_a_practice_run_is_deleted_once_it_has_ended(stored: Harness) -> None:
