@@ -26,6 +26,24 @@ LOOKED_AT = 2**22
 """Bytes at the end of that file in which a forecast is looked for that it may have already."""
 
 
+class Outage:
+    """What a command that goes on tells on standard error: each message once, whatever its numbers, until the end."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def tell(self, message: str) -> None:
+        """Prints a message, unless one that differs in numbers alone was printed."""
+        kind = re.sub(r"\d+", "", message)
+        if kind not in self._told:
+            self._told.add(kind)
+            print_error(message)
+
+    def end(self) -> None:
+        """Forgets what was told."""
+        self._told.clear()
+
+
 def followed(
     read: Callable[[], Grid],
     load: Callable[[Grid], tuple[Grid, Forecaster]],
@@ -35,7 +53,8 @@ def followed(
     """A table and its forecast, now and each time that a step has been added.
 
     An outage of the detectors, or a file that is not there for a while, is told once on standard error, whatever the
-    numbers in its messages.
+    numbers in its messages. So is a table that ends before its last forecast: its times have begun again, or a wrong
+    date was removed. Steps after its new end are forecast.
 
     Args:
         read: Reads the table.
@@ -48,24 +67,25 @@ def followed(
     """
     from dohyo.agents.forecasting.live.now import forecast_now
 
-    told: set[str] = set()
+    outage = Outage()
     begun, last_s, grown_at = False, -float("inf"), time.monotonic()
     while idle_s is None or time.monotonic() - grown_at <= idle_s:
         try:
             grid = read()
-            if grid.last_s > last_s + 0.5 * grid.step_s:  # less is a grid that has moved
+            if grid.last_s < last_s - 0.5 * grid.step_s:  # less is a grid that has moved
+                ends, last = moment(grid.last_s, grid.offset_s), moment(last_s, grid.offset_s)
+                outage.tell(f"the table ends at {ends}, before the last forecast at {last}; going on from its end")
+                last_s, grown_at = grid.last_s, time.monotonic()
+            elif grid.last_s > last_s + 0.5 * grid.step_s:
                 grid, forecaster = load(grid)
                 begun, last_s, grown_at = True, grid.last_s, time.monotonic()
                 yield grid, forecast_now(forecaster, grid)
-                told.clear()
+                outage.end()
                 grown_at = time.monotonic()
         except InvalidInputError as error:
             if not begun:
                 raise
-            kind = re.sub(r"\d+", "", str(error))
-            if kind not in told:
-                told.add(kind)
-                print_error(f"{error}; looking again")
+            outage.tell(f"{error}; looking again")
         time.sleep(every_s)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -55,6 +55,21 @@ def grids_of(*paths: Path, resample_s: float | None = None) -> Iterator[Grid]:
 def minute(grid: Grid) -> float:
     """Minutes from the beginning to the last step."""
     return (grid.last_s - grid.start_s) / 60.0
+
+
+def changing(path: Path, contents: Sequence[str | None]) -> Callable[[], Grid]:
+    """Reads a table that has the next of these contents after each reading, and then keeps the last; None: no file."""
+    to_come, last = iter(contents), contents[-1]
+    read = partial(read_latest, [path], Format("km/h", growing=True))
+
+    def reading() -> Grid:
+        try:
+            return read()
+        finally:
+            text = next(to_come, last)
+            path.unlink(missing_ok=True) if text is None else path.write_text(text)
+
+    return reading
 
 
 def dohyo(*words: object) -> str:
@@ -130,21 +145,42 @@ def test_an_outage_is_told_once_and_then_forecasts_go_on(tmp_path: Path, capsys:
 def test_a_file_that_is_rotated_is_followed_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = table(tmp_path / "t.csv", 20)
     later = "time,speed\n" + "".join(line(minute, 90.0) for minute in range(20, 30))
-    contents = iter([None, None, "", "time,speed\n", later])
-    read = partial(read_latest, [path], Format("km/h", growing=True))
-
-    def reading() -> Grid:
-        try:
-            return read()
-        finally:
-            text = next(contents, later)
-            path.unlink(missing_ok=True) if text is None else path.write_text(text)
-
-    looks = followed(reading, persistence, EVERY_S, IDLE_S)
+    looks = followed(changing(path, [None, None, "", "time,speed\n", later]), persistence, EVERY_S, IDLE_S)
     assert [len(grid.place) for grid, _ in looks] == [20, 10]
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 3, "absent, empty, without rows; the first two readings fail alike"
     assert "no file or folder" in told[0]
+
+
+def minutes(rows: int) -> str:
+    return "minute,speed\n" + "".join(f"{minute},90\n" for minute in range(rows))
+
+
+def dates(*of: int) -> str:
+    return "time,speed\n" + "".join(line(minute, 90.0) for minute in of)
+
+
+@pytest.mark.parametrize(
+    ("contents", "made"),
+    [
+        ([dates(*range(20), 5_000_000), dates(*range(22)), dates(*range(24))], 9 * 60 + 23),
+        ([minutes(100), minutes(3), minutes(9), minutes(10)], 8),
+        ([minutes(100), minutes(50), minutes(52)], 51),
+        ([dates(*range(20)), dates(*range(-60, -50)), dates(*range(-60, -49))], 9 * 60 - 50),
+    ],
+    ids=["a wrong date is removed", "minutes begin again", "a shorter file", "a clock is set back"],
+)
+def test_forecasts_go_on_where_a_table_ends_earlier_than_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], contents: list[str], made: int
+) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(contents[0])
+    first, second, *_ = followed(changing(path, contents[1:]), persistence, EVERY_S, IDLE_S)
+    assert first[1].made_s > second[1].made_s
+    assert second[1].made_s % 86400 == 60 * made
+    told = [one for one in capsys.readouterr().err.splitlines() if "the table ends at " in one]
+    assert len(told) == 1
+    assert ", before the last forecast at " in told[0]
 
 
 def test_a_file_may_be_moved_right_after_it_was_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
