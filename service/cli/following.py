@@ -89,14 +89,15 @@ def followed(
         time.sleep(every_s)
 
 
-def append_forecast(path: Path, forecast: Forecast, unit: str) -> list[Path]:
+def append_forecast(path: Path, forecast: Forecast, unit: str) -> bool:
     """Appends a line per step and segment; a new or empty file begins with the names of the columns.
 
-    A line that the file has already is not added, so that a command that starts again adds nothing twice. A last line
-    without an end, which a killed command has left, is replaced.
+    A line that the file has already is not added, so that a command that starts again adds nothing twice. One with
+    another speed, such as another model's, or with another unit is added. A last line without an end, which a killed
+    command has left, is replaced.
 
     Returns:
-        The path.
+        Whether a line was added.
 
     Raises:
         InvalidInputError: The file cannot be written, or holds something else than forecasts.
@@ -110,11 +111,12 @@ def append_forecast(path: Path, forecast: Forecast, unit: str) -> list[Path]:
             writer = csv.writer(text)
             if not file.tell():
                 writer.writerow(COLUMNS)
-            writer.writerows(line for line in _lines(forecast, unit) if (line[1], line[2]) not in there)
+            added = [line for line in _lines(forecast, unit) if line not in there]
+            writer.writerows(added)
             file.write(text.getvalue().encode())
     except OSError as error:
         raise unwritable(path, error) from error
-    return [path]
+    return bool(added)
 
 
 def moment(time_s: float, offset_s: float | None) -> str:
@@ -140,18 +142,18 @@ def _cut_last(file: BinaryIO, path: Path) -> None:
         file.truncate(file.tell() - unfinished)
 
 
-def _lines_at(file: BinaryIO, made_at: str) -> set[tuple[str, str]]:
-    """Time and segment of the lines at the end of a file that were forecast from one row."""
+def _lines_at(file: BinaryIO, made_at: str) -> set[tuple[str, ...]]:
+    """Lines at the end of a file that were forecast from one row."""
     file.seek(max(0, file.seek(0, io.SEEK_END) - LOOKED_AT))
     lines = csv.reader(file.read().decode(errors="replace").splitlines())
-    return {(line[1], line[2]) for line in lines if len(line) == len(COLUMNS) and line[0] == made_at}
+    return {tuple(line) for line in lines if line and line[0] == made_at}
 
 
-def _lines(forecast: Forecast, unit: str) -> Iterator[list[str]]:
+def _lines(forecast: Forecast, unit: str) -> Iterator[tuple[str, ...]]:
     from dohyo.agents.forecasting.data.speed_table import UNITS
 
     for row, at in enumerate(forecast.times_s.tolist()):
         for column, name in enumerate(forecast.segments):
             ends = (forecast.ahead, forecast.low, forecast.high)
             speeds = [f"{float(end[row, column]) / UNITS[unit]:.3f}" for end in ends]
-            yield [moment(forecast.made_s, forecast.offset_s), moment(at, forecast.offset_s), name, *speeds, unit]
+            yield moment(forecast.made_s, forecast.offset_s), moment(at, forecast.offset_s), name, *speeds, unit

@@ -173,11 +173,14 @@ def run(
         yield grid, forecast_now(forecaster, grid)
 
     for grid, forecast in followed(read, load, every, idle) if follow else once():
-        written = append_forecast(out, forecast, unit) if out else []
+        added = append_forecast(out, forecast, unit) if out else False
         _show(forecast, unit, grid.notes, json)
-        written += _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
-        if not json:
-            _print_written(written)
+        written = _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
+        if json:
+            continue
+        if out is not None:
+            console.print(f"{'written' if added else 'already there'}: {out.resolve()}")
+        _print_written(written)
 
 
 def _format(

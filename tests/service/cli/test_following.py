@@ -131,6 +131,24 @@ def test_a_command_that_starts_again_appends_no_forecast_twice(tmp_path: Path) -
     assert len(written) == len(set(written)) == 2 * 3
 
 
+def test_forecasts_that_differ_are_appended_and_others_are_already_there(tmp_path: Path) -> None:
+    path, out = table(tmp_path / "t.csv", 20), tmp_path / "forecasts.csv"
+    run = ("forecast", "run", "--data", path, "--model", "persistence", "--out", out)
+    assert "written: " in dohyo(*run, "--unit", "km/h")
+    again = dohyo(*run, "--unit", "km/h")
+    assert "already there: " in again
+    assert "written: " not in again
+    path.write_text(path.read_text().replace(",9", ",7"))
+    assert "written: " in dohyo(*run, "--unit", "km/h"), "other speeds at the same times"
+    assert "written: " in dohyo(*run, "--unit", "mph")
+    rows = list(csv.DictReader(out.open()))
+    assert [(row["speed"], row["unit"]) for row in rows[::3]] == [
+        ("91.000", "km/h"),
+        ("71.000", "km/h"),
+        ("71.000", "mph"),
+    ]
+
+
 def test_an_outage_is_told_once_and_then_forecasts_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = table(tmp_path / "t.csv", 20)
     grids = grids_of(path)
