@@ -108,7 +108,7 @@ def write_report(
         "evaluation": evaluations[0],
         "headline": _in_a_sentence(evaluations[0].headline),
         "partly": any(one.part for one in evaluations),
-        "mixed_versions": mixed_versions(evaluations),
+        "mixed_versions": mixed_versions([(one.agent, one.records) for one in evaluations]),
         "facts": _facts(evaluations, rules, contenders[0].summary.irs_length),
         "contenders": contenders,
         "closed_loop": _closed_loop(contenders),

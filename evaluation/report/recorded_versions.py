@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from dohyo.evaluation.records.record import EpisodeRecord
-from dohyo.evaluation.report.contenders import Evaluation
 
 DIFFERENT = "different versions drove these episodes, which alone may change scores."
 
@@ -20,13 +19,13 @@ def sumo_versions(records: Iterable[EpisodeRecord]) -> str:
     return _listed(record.versions.sumo.removeprefix("SUMO ") for record in records)
 
 
-def mixed_versions(evaluations: Sequence[Evaluation]) -> str:
+def mixed_versions(agents: Sequence[tuple[str, Sequence[EpisodeRecord]]]) -> str:
     """Sentence that names the versions behind each agent, if they are not all the same; else ""."""
-    found = {(record.versions.dohyo, record.versions.sumo) for one in evaluations for record in one.records}
+    found = {(record.versions.dohyo, record.versions.sumo) for _, records in agents for record in records}
     if len(found) < 2:
         return ""
     by_agent = "; ".join(
-        f"{one.agent}: dohyo {dohyo_versions(one.records)}, SUMO {sumo_versions(one.records)}" for one in evaluations
+        f"{name}: dohyo {dohyo_versions(records)}, SUMO {sumo_versions(records)}" for name, records in agents
     )
     return f"{DIFFERENT} {by_agent}"
 

@@ -99,8 +99,7 @@ def report(
     print_meetings([record for result in results for record in result.records])
     for one in evaluations:
         print_part(one.part, f"{one.agent}: ")
-    if mixed := mixed_versions(evaluations):
-        console.print(f"take care: {mixed}", highlight=False)
+    _print_mixed_versions(mixed_versions([(one.agent, one.records) for one in evaluations]))
     path = write_report(contenders, pairs, out)
     console.print(f"report: {path.resolve()}")
 
@@ -328,12 +327,14 @@ def score(
     rules = rules or _rules_of(loaded[0], records[0])
     summaries = _by_agent(loaded, rules, irs_length)
     drives = _drives(records, loaded, rules, irs_length)
+    mixed = mixed_versions([("records", loaded)])
     if json:
         closed = {"closed_loop": closed_loop_document(scored, lost_drives(loaded))} if scored else {}
         print_json(
             scores_document(summaries, loaded)
             | {"drives": [dict(record=str(p), ego=e, **s) for p, e, s in drives]}
             | closed
+            | ({"mixed_versions": mixed} if mixed else {})
         )
         return
     if drives:
@@ -346,6 +347,12 @@ def score(
     folders = {path.absolute().parent: path for path in records}  # each is read once, not for every record
     for part in sorted({part_of_record(path) for path in folders.values()}):
         print_part(part)
+    _print_mixed_versions(mixed)
+
+
+def _print_mixed_versions(sentence: str) -> None:
+    if sentence:
+        console.print(f"take care: {sentence}", highlight=False)
 
 
 def _rules_of(record: EpisodeRecord, path: Path) -> Rules:

@@ -26,6 +26,7 @@ from dohyo.service.evaluations.scoring import (
     summary_at,
     summary_of,
 )
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Scenario, Traffic
 from tests.evaluation.builders import ego, episode, infraction, lost
 from tests.service.served import STEADY, short
@@ -184,4 +185,7 @@ def test_a_record_on_disk_has_the_closed_loop_score_that_the_command_line_prints
     (scored,) = score_records([(record, tmp_path / "one.json")])
     (facts,) = summary_at(tmp_path / "one.json", record, "2.0")["egos"]
     assert facts["closed_loop"]["closed_loop"] == scored.terms.score > 0.0
+    versions = record.versions.model_copy(update={"network_sha256": "f" * 64})
+    with pytest.raises(InvalidInputError, match="driven on network 'ingolstadt' ffffffffffff, and the one here is"):
+        score_records([(record.model_copy(update={"versions": versions}), tmp_path / "one.json")])
     assert "closed_loop" not in summary_of(record, "2.0")["egos"][0]

@@ -70,6 +70,20 @@ def test_a_record_of_no_benchmark_here_is_scored_by_rules_2(record: Path, tmp_pa
     assert told["rules"] == "2.0"
 
 
+def test_records_of_several_versions_are_told_by_score(tmp_path: Path) -> None:
+    """As `dohyo report` tells them: versions alone may change scores."""
+    paths = []
+    for seed, version in enumerate(("6.5.0", "7.0.0")):
+        made = episode(ego(), name="town").model_copy(update={"scenario": STRICT.scenarios([seed])[0]})
+        made = made.model_copy(update={"versions": made.versions.model_copy(update={"dohyo": version})})
+        paths.append(str(write_record(tmp_path, f"m-s{seed}", seal(made), drive())))
+    done = dohyo.invoke(app, ["score", *paths], env={"COLUMNS": "300"})
+    assert "take care: different versions drove these episodes" in done.output
+    assert "dohyo 6.5.0, 7.0.0" in done.output
+    assert "6.5.0, 7.0.0" in json.loads(dohyo.invoke(app, ["score", *paths, "--json"]).stdout)["mixed_versions"]
+    assert "mixed_versions" not in json.loads(dohyo.invoke(app, ["score", paths[0], "--json"]).stdout)
+
+
 def test_lost_drives_alone_have_no_scores_of_drives(tmp_path: Path) -> None:
     path = write_record(tmp_path, "gone-s0", seal(lost()), drive())
     done = dohyo.invoke(app, ["score", str(path)], env={"COLUMNS": "300"})
