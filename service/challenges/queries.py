@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import Any, Final
 
 from sqlalchemy import ColumnElement, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer
 
 from dohyo.service.boards.model import Ranking
 from dohyo.service.boards.rankings import reopen
@@ -100,17 +100,34 @@ def find_phase(session: Session, ranking_id: str, benchmark: str) -> Ranking:
 
 
 def phases_of(session: Session, challenges: Sequence[Challenge], seen: ColumnElement[bool]) -> Mapping[str, list[Any]]:
-    """For each challenge its phases in the order of their closing, each with the benchmark and whether `seen` holds."""
+    """For each challenge its phases in the order of their closing, each with the benchmark and whether `seen` holds.
+
+    Their final boards are not loaded, see `finals_of`.
+    """
     query = (
         select(Ranking, BenchmarkVersion.name, seen)
         .join(BenchmarkVersion, BenchmarkVersion.sha256 == Ranking.benchmark_sha256)
         .where(Ranking.challenge_id.in_([one.id for one in challenges]))
         .order_by(Ranking.closes, Ranking.created, Ranking.id)
+        .options(defer(Ranking.final))
     )
     phases: dict[str, list[Any]] = {one.id: [] for one in challenges}
     for ranking, benchmark, shown in session.execute(query):
         phases[ranking.challenge_id or ""].append((ranking, benchmark, bool(shown)))
     return phases
+
+
+def count_phases(session: Session, challenge: Challenge) -> int:
+    """Number of a challenge's phases."""
+    query = select(func.count()).select_from(Ranking).where(Ranking.challenge_id == challenge.id)
+    return session.scalar(query) or 0
+
+
+def finals_of(session: Session, phases: Sequence[Ranking]) -> Mapping[str, dict[str, Any]]:
+    """The stored final boards of those phases that have ended, by the phase's identifier."""
+    ended = [phase.id for phase in phases if phase.finalised is not None and phase.ended()]
+    rows = session.execute(select(Ranking.id, Ranking.final).where(Ranking.id.in_(ended))) if ended else ()
+    return {phase: final for phase, final in rows if final is not None}
 
 
 def count_runs(session: Session, ranking_id: str) -> int:
@@ -189,13 +206,16 @@ def remove_baseline(session: Session, challenge: Challenge, submission_id: str) 
     session.delete(baseline)
 
 
-def baselines_of(session: Session, challenge: Challenge) -> Sequence[tuple[Submission, str]]:
-    """Baselines of a challenge with the names of their agents."""
+def baselines_of(session: Session, challenges: Sequence[Challenge]) -> Mapping[str, Sequence[tuple[Submission, str]]]:
+    """For each challenge its baselines with the names of their agents."""
     query = (
-        select(Submission, Agent.name)
+        select(Baseline.challenge_id, Submission, Agent.name)
+        .join(Submission, Submission.id == Baseline.submission_id)
         .join(Agent, Agent.id == Submission.agent_id)
-        .join(Baseline, Baseline.submission_id == Submission.id)
-        .where(Baseline.challenge_id == challenge.id)
+        .where(Baseline.challenge_id.in_([one.id for one in challenges]))
         .order_by(Agent.name, Submission.version)
     )
-    return [(submission, agent) for submission, agent in session.execute(query).unique()]
+    found: dict[str, list[tuple[Submission, str]]] = {one.id: [] for one in challenges}
+    for challenge, submission, agent in session.execute(query).unique():
+        found[challenge].append((submission, agent))
+    return found

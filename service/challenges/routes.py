@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import timedelta
 from typing import Annotated, Any
 
@@ -43,6 +43,7 @@ router = APIRouter(prefix="/v1/challenges", tags=["challenges"], route_class=Str
 PER_OWNER = 50
 PHASES = 50
 
+_Phase = tuple[Ranking, RankingView]
 Name = Annotated[str, Path(min_length=1, max_length=100, description="Name of a challenge.", examples=["autumn-2026"])]
 
 
@@ -101,7 +102,7 @@ def create_phase(name: Name, order: PhaseOrder, caller: Organiser, services: Ser
     with services.database.session() as session:
         serialise(session)
         challenge = organised(session, caller, name)
-        if len(challenges.phases_of(session, [challenge], ranking_seen_by(caller))[challenge.id]) >= PHASES:
+        if challenges.count_phases(session, challenge) >= PHASES:
             raise TooManyRequestsError(f"at most {PHASES} phases of one challenge", retry_s=3600)
         phase = challenges.add_phase(
             session,
@@ -126,7 +127,7 @@ def postpone_phase(
         grace = phase.ends - phase.closes if phase.ends and phase.closes else timedelta()
         challenges.move_closing(phase, change.closes, change.closes + grace)
         session.flush()
-        return next(one for one in _phases(session, caller, [challenge])[challenge.id] if one.id == identifier)
+        return next(view for _, view in _phases(session, caller, [challenge])[challenge.id] if view.id == identifier)
 
 
 @router.delete("/{name}/phases/{identifier}", status_code=204, responses=problems(403, 404, 409))
@@ -193,12 +194,14 @@ def _phase_of(session: Session, challenge: Challenge, identifier: str) -> Rankin
 def _views(session: Session, caller: Caller, rows: Sequence[Challenge]) -> list[ChallengeView]:
     phases, counts = _phases(session, caller, rows), challenges.count_teams(session, rows)
     mine = challenges.team_of_member(session, rows, caller.owner) if caller.token_id else {}
+    baselines = challenges.baselines_of(session, rows)
+    finals = challenges.finals_of(session, [ranking for one in rows for ranking, _ in phases[one.id]])
     return [
         view_challenge(
             one,
-            phases[one.id],
-            challenges.baselines_of(session, one),
-            _announcements(session, phases[one.id]),
+            [view for _, view in phases[one.id]],
+            baselines[one.id],
+            _announcements(phases[one.id], finals),
             teams=counts.get(one.id, 0),
             my_team=mine.get(one.id),
             may_organise=caller.organises(one.owner),
@@ -207,13 +210,16 @@ def _views(session: Session, caller: Caller, rows: Sequence[Challenge]) -> list[
     ]
 
 
-def _phases(session: Session, caller: Caller, rows: Sequence[Challenge]) -> dict[str, list[RankingView]]:
+def _phases(session: Session, caller: Caller, rows: Sequence[Challenge]) -> dict[str, list[_Phase]]:
     at = now()
     found = challenges.phases_of(session, rows, ranking_seen_by(caller))
     return {
         one.id: [
-            view_ranking(
-                ranking, benchmark, one.name, at=at, told=caller.organises(one.owner), board_visible=board_visible
+            (
+                ranking,
+                view_ranking(
+                    ranking, benchmark, one.name, at=at, told=caller.organises(one.owner), board_visible=board_visible
+                ),
             )
             for ranking, benchmark, board_visible in found[one.id]
         ]
@@ -221,20 +227,19 @@ def _phases(session: Session, caller: Caller, rows: Sequence[Challenge]) -> dict
     }
 
 
-def _announcements(session: Session, phases: Sequence[RankingView]) -> list[AnnouncementView]:
+def _announcements(phases: Sequence[_Phase], finals: Mapping[str, dict[str, Any]]) -> list[AnnouncementView]:
     """Final boards that are stored, the newest first."""
     found = []
-    for phase in phases:
-        ranking = session.get_one(Ranking, phase.id)
-        if ranking.final is not None and ranking.finalised is not None and ranking.ended():
-            rows: list[dict[str, Any]] = ranking.final["rows"]
+    for ranking, phase in phases:
+        if ranking.finalised is not None and (final := finals.get(ranking.id)) is not None:
+            rows: list[dict[str, Any]] = final["rows"]
             found.append(
                 AnnouncementView(
                     phase=phase.name,
                     ranking=phase.id,
                     finalised=ranking.finalised,
                     places=len(rows),
-                    winners=[_winner(row, ranking.final["headline"]) for row in rows if row["rank"] == 1]
+                    winners=[_winner(row, final["headline"]) for row in rows if row["rank"] == 1]
                     if phase.board_visible
                     else None,
                 )

@@ -9,7 +9,7 @@ from typing import Any
 
 import httpx
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import event, select, update
 
 from dohyo.service.accounts.model import Role
 from dohyo.service.boards.model import Ranking
@@ -73,6 +73,35 @@ def test_a_challenge_from_its_making_to_its_final_board(stored: Harness) -> None
 
 def _order(agent: str, ranking: str) -> dict[str, Any]:
     return {"agent": agent, "benchmark": "quickstart", "ranked": True, "ranking": ranking}
+
+
+def statements_of_list(service: Harness) -> int:
+    """Number of queries of the thread that lists the challenges."""
+    asked: dict[int, list[str]] = {}
+
+    def note(*given: Any) -> None:
+        asked.setdefault(threading.get_ident(), []).append(given[2])
+
+    event.listen(service.services.database.engine, "before_cursor_execute", note)
+    assert service.client.get("/v1/challenges").status_code == 200
+    event.remove(service.services.database.engine, "before_cursor_execute", note)
+    (mine,) = [some for some in asked.values() if any("FROM challenges ORDER BY" in one for one in some)]
+    return len(mine)
+
+
+def test_a_list_of_more_challenges_takes_no_more_queries(service: Harness) -> None:
+    organiser, numbers = service.caller("lab", Role.ORGANISER), []
+    organiser.agent("base")
+    for number in range(4):
+        ended = make_challenge(organiser, f"cup-{number}")
+        organiser.post(f"/v1/challenges/cup-{number}/baselines", {"agent": "base"})
+        end(service.services.database, ended)
+        close_ended(service.services)
+        numbers.append(statements_of_list(service))
+    (last,) = service.client.get("/v1/challenges", params={"after": "cup-2"}).json()["items"]
+    assert [one["agent"] for one in last["baselines"]] == ["base"]
+    assert [(one["ranking"], one["places"], one["winners"]) for one in last["announcements"]] == [(ended, 0, [])]
+    assert len(set(numbers)) == 1
 
 
 def test_a_run_that_was_ordered_in_time_may_end_within_the_grace(service: Harness) -> None:
