@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
-from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
@@ -110,10 +110,22 @@ def _entrant(ranking: Ranking, entrants: Sequence[str]) -> tuple[ColumnElement[A
     return func.coalesce(Evaluation.team_id, Evaluation.submission_id), Evaluation.team_id.in_(entrants) | alone
 
 
-@lru_cache(maxsize=20_000)  # contenders are compared by identity, and live as long as their ranking is in memory
 def compare_places(contender: Contender, above: Contender) -> dict[str, Any] | None:
-    """Paired comparison of a place with the one above it, as plain JSON; None without a drive that counts in both."""
+    """Paired comparison of a place with the one above it, as plain JSON; None without a drive that counts in both.
+
+    It is kept in the contender, so that it goes with the ranking in memory.
+    """
+    kept = contender.comparisons
+    with suppress(KeyError):
+        return kept[above.evaluation]
     common = contender.common(above)
-    if not common.any():
-        return None
-    return asdict(paired(contender.values[common].tolist(), above.values[common].tolist()))
+    comparison = None
+    if common.any():
+        comparison = asdict(paired(contender.values[common].tolist(), above.values[common].tolist()))
+    if len(kept) >= _MOST_COMPARISONS:
+        kept.clear()
+    kept[above.evaluation] = comparison
+    return comparison
+
+
+_MOST_COMPARISONS: Final = 20  # of a contender, with the runs that stood above it on some board

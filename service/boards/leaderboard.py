@@ -162,6 +162,7 @@ class Contender:
         values: (episodes,) mean headline score of the egos of each, in the same order for every run of the ranking; NaN
             for a lost one.
         low_throughput: Whether fewer vehicles passed than its benchmark asks for.
+        comparisons: Its paired comparisons with other runs of the ranking, by evaluation, see `compare_places`.
     """
 
     evaluation: str
@@ -173,6 +174,7 @@ class Contender:
     dohyo_versions: tuple[str, ...]
     values: FloatArray
     low_throughput: bool = False
+    comparisons: dict[str, dict[str, Any] | None] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def lost(self) -> int:

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import gc
 import io
 import random
+import weakref
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 
 from dohyo.evaluation.families import Family
 from dohyo.evaluation.records.specifications import Status
+from dohyo.service.boards import board
 from dohyo.service.boards.board import compare_places
 from dohyo.service.boards.leaderboard import COLUMNS, Contender, Entry, Ranks, as_csv, places_of
 from dohyo.service.boards.results import facts_of
@@ -65,6 +68,18 @@ def test_a_row_is_compared_with_the_one_above() -> None:
     assert above is not None
     assert (above["verdict"], above["probability"]) == ("<", 0.0)
     assert (above["difference"]["mean"], above["difference"]["n"]) == (pytest.approx(-20.0), 8)
+
+
+def test_a_comparison_is_kept_as_long_as_its_run_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = contenders([entry(name, drives([score] * 8)) for name, score in (("low", 10.0), ("high", 90.0))])
+    first = compare_places(*runs)
+    with monkeypatch.context() as patch:
+        patch.setattr(board, "paired", None)  # it would be an error
+        assert compare_places(*runs) == first
+    arrays = [weakref.ref(run.values) for run in runs]
+    del runs
+    gc.collect()
+    assert [one() for one in arrays] == [None, None]
 
 
 @pytest.mark.parametrize(("differing", "told"), [(5, False), (6, True)])
