@@ -150,6 +150,9 @@ class Deliverer:
             except SQLAlchemyError as error:
                 logger.warning("the database refused: %s", type(error).__name__)
                 due = []
+            except Exception:  # a defect; the messages of all webhooks must not wait for a restart
+                logger.exception("the due messages cannot be read, trying again in %g s", POLL_S)
+                due = []
             for delivery, webhook in due:
                 task = asyncio.create_task(self._deliver(delivery, webhook), name=f"webhook {webhook.id}")
                 self._under_way[webhook.id] = task
@@ -195,6 +198,9 @@ class Deliverer:
         except SQLAlchemyError as error:
             logger.warning("the database refused: %s", type(error).__name__)
             await asyncio.sleep(POLL_S)  # it is due again, and is sent twice
+        except Exception:
+            logger.exception("delivery %s cannot be settled", delivery.id)
+            await asyncio.sleep(POLL_S)  # the same; else it would be due again at once
 
     async def _post(self, delivery: Delivery, webhook: Webhook) -> int:
         """Sends once to the checked address: the name is not resolved a second time."""

@@ -234,6 +234,32 @@ def test_a_delivery_that_fails_by_a_defect_is_settled_and_given_up(
     assert (one.attempts, one.failure) == (webhooks.ATTEMPTS, "LookupError")
 
 
+@pytest.mark.parametrize("name", ["due_deliveries", "settle"])
+def test_a_defect_beside_the_sending_is_logged_and_ends_no_webhook(
+    telling: Harness,
+    receiver: Receiver,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    name: str,
+) -> None:
+    right, calls = getattr(webhooks, name), iter(range(100))
+
+    def wrong_twice(*args: Any, **options: Any) -> Any:
+        if next(calls) < 2:
+            raise LookupError("a defect")
+        return right(*args, **options)
+
+    monkeypatch.setattr(webhooks, name, wrong_twice)
+    team = telling.caller("team")
+    team.post("/v1/webhooks", {"url": f"http://127.0.0.1:{receiver.port}/hook"})
+    team.agent("a")
+    team.post(f"/v1/evaluations/{team.evaluation('a')}/cancel")
+    (one,) = settled(telling)
+    assert one.failure is None
+    logged = [record for record in caplog.records if record.name == "dohyo.webhooks" and record.exc_info]
+    assert [record.exc_info[0] for record in logged if record.exc_info] == [LookupError] * 2
+
+
 def test_each_owner_has_a_few(service: Harness) -> None:
     team = service.caller("team")
     for number in range(10):
