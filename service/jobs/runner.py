@@ -25,7 +25,7 @@ from dohyo.service.database.patience import PatientDatabase
 from dohyo.service.errors import BusyError, problem_document
 from dohyo.service.jobs import queries
 from dohyo.service.jobs.kind import Kind, Made, Task
-from dohyo.service.jobs.model import Job
+from dohyo.service.jobs.model import Job, JobStatus
 from dohyo.service.periodic import ended
 from dohyo.service.scheduling.turns import Turns
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -136,8 +136,12 @@ class JobRunner:
     async def _do(self, job: Job, work: Task) -> None:
         began = time.monotonic()
         try:
-            outcome = await self._outcome(job, work)
-            await self._end(job, work, outcome)
+            # A cancellation before `_live` had the job could not stop the work.
+            if await self._database.read(lambda session: _runs(session, job.id)):
+                outcome = await self._outcome(job, work)
+                await self._end(job, work, outcome)
+            else:
+                await asyncio.to_thread(self._discard, job.id)
         except Exception:  # an error here must not hold the place for ever
             logger.exception("job %s (%s of %s)", job.id, job.kind, job.owner)
         finally:
@@ -219,6 +223,11 @@ class JobRunner:
 def upload_path(settings: Settings, job_id: str) -> Path:
     """Path of a job's uploaded file."""
     return settings.uploads / job_id / "file"
+
+
+def _runs(session: Session, job_id: str) -> bool:
+    job = queries.find_job(session, job_id)
+    return job is not None and job.status is JobStatus.RUNNING
 
 
 def _died(starts: int) -> BusyError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,40 @@ def test_a_cancelled_job_ends_whether_it_runs_or_waits(service: Harness, desk: D
     wait_until(lambda: not service.services.jobs._live, "the work goes on")
     assert team.delete(f"/v1/jobs/{runs}").status_code == 204
     assert_problem(team.get(f"/v1/jobs/{runs}"), 404)
+
+
+def test_a_job_that_is_cancelled_just_after_its_start_was_stored_does_no_work(
+    service: Harness, desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The runner learns of the commit later than the request that cancels the job."""
+    stored, cancelled, start, session_of = threading.Event(), threading.Event(), queries.start, Database.session
+
+    def start_marked(session: Session, job_id: str) -> bool:
+        session.info["starts"] = True
+        return start(session, job_id)
+
+    @contextmanager
+    def slow_to_return(database: Database) -> Iterator[Session]:
+        with session_of(database) as session:
+            yield session
+        if session.info.get("starts"):
+            stored.set()
+            assert cancelled.wait(30.0)
+
+    monkeypatch.setattr(queries, "start", start_marked)
+    monkeypatch.setattr(Database, "session", slow_to_return)
+    desk.free.set()
+    given = tmp_path / "given"
+    given.write_bytes(b"12345")
+    job = order(service, "team", file=given)
+    assert stored.wait(30.0)
+    assert service.caller("team").delete(f"/v1/jobs/{job}").status_code == 204
+    cancelled.set()
+    assert ended(service, order(service, "other")).status_code == 201
+    wait_until(lambda: not service.services.jobs._live, "a place is held")
+    assert desk.began == ["other"]
+    assert status(service, job) == "cancelled"
+    assert list(service.services.settings.uploads.iterdir()) == []
 
 
 def test_its_events_end_with_it(service: Harness, desk: Desk) -> None:
