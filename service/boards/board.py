@@ -17,6 +17,8 @@ from dohyo.service.challenges.model import Team
 from dohyo.service.evaluations.model import Attempt, Episode, Evaluation
 from dohyo.service.submissions.model import Agent, AgentKind, Submission
 
+_MOST_COMPARISONS: Final = 20  # of a contender, with the runs that stood above it on some board
+
 
 def rows_of(session: Session, ranking: Ranking, places: Sequence[Place], start: int, end: int) -> list[dict[str, Any]]:
     """The rows from `start` to `end` of a board, in plain JSON."""
@@ -126,6 +128,3 @@ def compare_places(contender: Contender, above: Contender) -> dict[str, Any] | N
         kept.clear()
     kept[above.evaluation] = comparison
     return comparison
-
-
-_MOST_COMPARISONS: Final = 20  # of a contender, with the runs that stood above it on some board
