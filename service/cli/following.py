@@ -7,6 +7,7 @@ import io
 import re
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -31,6 +32,7 @@ class Outage:
 
     def __init__(self) -> None:
         self._told: set[str] = set()
+        self._succeeded = False
 
     def tell(self, message: str) -> None:
         """Prints a message, unless one that differs in numbers alone was printed."""
@@ -43,12 +45,27 @@ class Outage:
         """Forgets what was told."""
         self._told.clear()
 
+    @contextmanager
+    def passing(self, then: str) -> Iterator[None]:
+        """Tells an error of a file, and what comes `then`, where such a block has succeeded before; else raises it."""
+        try:
+            yield
+        except (InvalidInputError, OSError) as error:
+            if not self._succeeded:
+                raise
+            why = (isinstance(error, OSError) and error.strerror) or error  # without the name of a temporary file
+            self.tell(f"{why}; {then}")
+        else:
+            self._succeeded = True
+            self.end()
+
 
 def followed(
     read: Callable[[], Grid],
     load: Callable[[Grid], tuple[Grid, Forecaster]],
     every_s: float,
     idle_s: float | None,
+    before: Callable[[], object] = lambda: None,
 ) -> Iterator[tuple[Grid, Forecast]]:
     """A table and its forecast, now and each time that a step has been added.
 
@@ -61,6 +78,7 @@ def followed(
         load: Forecaster for a table, and the table with the columns in its order.
         every_s: Seconds between two readings.
         idle_s: Ends once no step was added for so many seconds; None: never.
+        before: Called before each reading.
 
     Raises:
         InvalidInputError: The first reading failed, or the forecaster does not fit that table.
@@ -70,6 +88,7 @@ def followed(
     outage = Outage()
     begun, last_s, grown_at = False, -float("inf"), time.monotonic()
     while idle_s is None or time.monotonic() - grown_at <= idle_s:
+        before()
         try:
             grid = read()
             if grid.last_s < last_s - 0.5 * grid.step_s:  # less is a grid that has moved
@@ -87,6 +106,47 @@ def followed(
                 raise
             outage.tell(f"{error}; looking again")
         time.sleep(every_s)
+
+
+class ForecastFile:
+    """A file of forecasts whose later ones wait while it cannot be written, as on a full disk; see `append_forecast`.
+
+    Attributes:
+        path: Of the file.
+    """
+
+    def __init__(self, path: Path, unit: str) -> None:
+        self.path, self._unit = path, unit
+        self._waiting: list[Forecast] = []
+        self._outage = Outage()
+
+    def append(self, forecast: Forecast) -> bool | None:
+        """Appends a forecast and those that wait: whether a line was added, None where they wait now.
+
+        Raises:
+            InvalidInputError: It is the first one, and cannot be written.
+        """
+        self._waiting.append(forecast)
+        with self._outage.passing("forecasts are appended as soon as it can be written"):
+            return self.finish()
+        return None
+
+    def catch_up(self) -> None:
+        """Tries again to append the forecasts that wait."""
+        if self._waiting:
+            self.append(self._waiting.pop())
+
+    def finish(self) -> bool:
+        """Appends the forecasts that wait: whether a line was added.
+
+        Raises:
+            InvalidInputError: The file cannot be written.
+        """
+        added = False
+        while self._waiting:
+            added |= append_forecast(self.path, self._waiting[0], self._unit)
+            del self._waiting[0]
+        return added
 
 
 def append_forecast(path: Path, forecast: Forecast, unit: str) -> bool:

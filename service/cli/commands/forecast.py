@@ -13,7 +13,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from dohyo.evaluation.output_file import check_output
-from dohyo.service.cli.following import append_forecast, followed, moment
+from dohyo.service.cli.following import ForecastFile, Outage, followed, moment
 from dohyo.service.cli.output import Json, console, number, print_json, print_rows
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -55,6 +55,8 @@ FigureFile = Annotated[
     Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it with chromium and playwright.")
 ]
 KEPT_UNIT = "km/h"
+ADDED = {True: "written", False: "already there", None: "not written yet"}
+"""What has become of a forecast, by the answer of the file."""
 
 
 def fit(
@@ -172,15 +174,20 @@ def run(
         grid, forecaster = load(read())
         yield grid, forecast_now(forecaster, grid)
 
-    for grid, forecast in followed(read, load, every, idle) if follow else once():
-        added = append_forecast(out, forecast, unit) if out else False
+    file, drawing = ForecastFile(out, unit) if out else None, Outage()
+    looks = followed(read, load, every, idle, file.catch_up if file else lambda: None) if follow else once()
+    for grid, forecast in looks:
+        added = file.append(forecast) if file else None
         _show(forecast, unit, grid.notes, json)
-        written = _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
-        if json:
-            continue
-        if out is not None:
-            console.print(f"{'written' if added else 'already there'}: {out.resolve()}")
-        _print_written(written)
+        written: list[Path] = []
+        with drawing.passing(f"'{figure}' is drawn again with the next forecast"):
+            written = _write_figure(now_figure(forecast, grid, unit), figure) if figure else []
+        if file and not json:
+            console.print(f"{ADDED[added]}: {file.path.resolve()}")
+        if not json:
+            _print_written(written)
+    if file:
+        file.finish()
 
 
 def _format(

@@ -216,6 +216,38 @@ def test_a_file_may_be_moved_right_after_it_was_read(tmp_path: Path, monkeypatch
     assert read_latest(path, Format("km/h", growing=True)).offset_s == -5 * 3600
 
 
+def test_forecasts_wait_for_a_file_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")  # no chromium, which takes seconds
+    path, out, figure = table(tmp_path / "t.csv", 20), tmp_path / "forecasts.csv", tmp_path / "drawn" / "now.html"
+    run = ["forecast", "run", "--data", str(path), "--unit", "km/h", "--model", "persistence", "--out", str(out)]
+
+    def obstruct() -> None:
+        while not figure.exists():
+            time.sleep(0.02)
+        kept = out.rename(tmp_path / "kept.csv")
+        out.mkdir()
+        figure.unlink()
+        figure.mkdir()
+        add(path, line(20, 90.0))
+        time.sleep(1.0)
+        add(path, line(21, 90.0))
+        time.sleep(1.0)
+        out.rmdir()
+        kept.rename(out)
+
+    logger = threading.Thread(target=obstruct)
+    logger.start()
+    result = CliRunner().invoke(app, [*run, "--figure", str(figure), "--follow", "--every", "0.05", "--idle", "2.5"])
+    logger.join()
+    assert result.exit_code == 0, result.output
+    assert result.stderr.count(f"cannot write '{out}': Is a directory; forecasts are appended as soon as") == 1
+    assert result.stderr.count(f"Is a directory; '{figure}' is drawn again with the next forecast") == 1
+    assert result.stdout.count("not written yet: ") == 2
+    written = [(row["made_at"], row["time"]) for row in csv.DictReader(out.open())]
+    assert written == sorted(set(written))
+    assert len(written) == 3 * 3
+
+
 def test_a_first_reading_that_fails_ends_the_command(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="no file or folder"):
         next(grids_of(tmp_path / "none.csv"))
