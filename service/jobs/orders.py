@@ -129,7 +129,7 @@ def read_job(services: Services, job_id: str) -> JobView:
     with services.database.reading() as session:
         job = queries.find_job(session, job_id)
         assert job is not None, job_id
-        return view_job(job, queries.count_ahead(session, job) if job.status is JobStatus.QUEUED else None)
+        return view_job(job, queries.count_ahead(session, [job]).get(job.id))
 
 
 def last_about(services: Services, owner: str, kind: str, subject: str) -> JobView | None:

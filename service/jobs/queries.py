@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import delete, func, select, tuple_, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.base import now
@@ -80,10 +80,14 @@ def count_by_status(session: Session) -> Mapping[str, int]:
     return {status.value: count for status, count in rows}
 
 
-def count_ahead(session: Session, job: Job) -> int:
-    """Number of queued jobs of all owners that were ordered before this one."""
-    query = select(func.count()).select_from(Job).where(Job.status == JobStatus.QUEUED)
-    return session.scalar(query.where(tuple_(Job.created, Job.id) < tuple_(job.created, job.id))) or 0
+def count_ahead(session: Session, jobs: Sequence[Job]) -> Mapping[str, int]:
+    """For each queued one of some jobs, the number of queued jobs of all owners that were ordered before it."""
+    mine = [job.id for job in jobs if job.status is JobStatus.QUEUED]
+    if not mine:
+        return {}
+    place = func.row_number().over(order_by=(Job.created, Job.id)).label("place")
+    queued = select(Job.id, place).where(Job.status == JobStatus.QUEUED).subquery()
+    return {job: place - 1 for job, place in session.execute(select(queued).where(queued.c.id.in_(mine)))}
 
 
 def first_of_each_owner(session: Session) -> Sequence[Job]:

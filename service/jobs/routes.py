@@ -7,12 +7,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from sqlalchemy.orm import Session
 
 from dohyo.service.accounts.access import Caller, Holder, Submitter
 from dohyo.service.errors import NotFoundError
 from dohyo.service.jobs import queries
-from dohyo.service.jobs.model import Job, JobStatus
+from dohyo.service.jobs.model import JobStatus
 from dohyo.service.jobs.orders import read_job
 from dohyo.service.jobs.views import JobView, view_job
 from dohyo.service.state import Services, ServicesOf
@@ -31,7 +30,8 @@ def list_jobs(
     owner = None if caller.is_admin else caller.owner
     with services.database.reading() as session:
         rows = queries.list_jobs(session, owner, status=status, limit=limit + 1, after=after)
-        items = [_view(session, job) for job in rows[:limit]]
+        ahead = queries.count_ahead(session, rows[:limit])
+        items = [view_job(job, ahead.get(job.id)) for job in rows[:limit]]
     return Page(items=items, next=items[-1].id if len(rows) > limit else None)
 
 
@@ -84,11 +84,7 @@ def _state(services: Services, caller: Caller, identifier: str) -> JobView:
         job = queries.find_job(session, identifier)
         if job is None or not caller.owns(job.owner):
             raise NotFoundError(f"no job '{identifier}'")
-        return _view(session, job)
-
-
-def _view(session: Session, job: Job) -> JobView:
-    return view_job(job, queries.count_ahead(session, job) if job.status is JobStatus.QUEUED else None)
+        return view_job(job, queries.count_ahead(session, [job]).get(job.id))
 
 
 def _delete(services: Services, identifier: str) -> None:
