@@ -77,7 +77,7 @@ def redeem_invitation(order: Redemption, caller: Identified, services: ServicesO
         token = None
         if caller is None:
             owner = order.owner or ""
-            invitations.check_new_owner(session, owner)
+            invitations.check_new_owner(session, invitation, owner)
             token = create_token(session, owner, Role.SUBMITTER)[1]
         else:
             owner = caller.owner

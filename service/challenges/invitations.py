@@ -70,15 +70,22 @@ def find_open_invitation(session: Session, code: str) -> Invitation:
     return invitation
 
 
-def check_new_owner(session: Session, owner: str) -> None:
+def check_new_owner(session: Session, invitation: Invitation, owner: str) -> None:
     """Refuses the name of an existing owner, whose data a new token would open; case does not matter.
 
+    Args:
+        session: To read in.
+        invitation: The one that is redeemed: its own team may have the owner's name.
+        owner: Name of the new owner.
+
     Raises:
-        ConflictError: An owner or a team has the name.
+        ConflictError: An owner has the name, or a team, also one that an open invitation names.
     """
     if _is_in(session, OWNERS, owner):
         raise ConflictError(f"owner '{owner}' exists; choose another name, or send the token of this owner")
-    if _is_in(session, (Team.name,), owner):
+    is_own = (invitation.team or "").lower() == owner.lower()
+    others = (Invitation.challenge_id != invitation.challenge_id,) if is_own else ()
+    if _is_in(session, (Team.name,), owner) or _is_promised(session, owner, *others):
         raise ConflictError(f"a team has the name '{owner}'; choose another name")
 
 
@@ -129,7 +136,8 @@ def _team(session: Session, challenge: Challenge, invitation: Invitation, name: 
     wanted = invitation.team or name
     same = (Team.challenge_id == challenge.id, func.lower(Team.name) == wanted.lower())
     team = session.scalar(select(Team).where(*same))
-    if invitation.team is None and (team is not None or _is_promised(session, challenge, wanted)):
+    here = Invitation.challenge_id == challenge.id
+    if invitation.team is None and (team is not None or _is_promised(session, wanted, here)):
         raise ConflictError(f"team '{wanted}' exists; choose another name, or ask the organiser for a place in it")
     if team is None:
         team = Team(id=new_id("tm"), challenge_id=challenge.id, name=wanted)
@@ -144,10 +152,10 @@ def _is_in(session: Session, columns: Sequence[InstrumentedAttribute[str]], name
     return any(session.scalar(query) is not None for query in same)
 
 
-def _is_promised(session: Session, challenge: Challenge, team: str) -> bool:
+def _is_promised(session: Session, team: str, *where: ColumnElement[bool]) -> bool:
     """Whether an open invitation names a team: another owner who makes it first would get its bearer."""
-    same = (Invitation.challenge_id == challenge.id, func.lower(Invitation.team) == team.lower())
-    return session.scalar(select(Invitation.id).where(*same, *_is_open()).limit(1)) is not None
+    named = (func.lower(Invitation.team) == team.lower(), *_is_open())
+    return session.scalar(select(Invitation.id).where(*named, *where).limit(1)) is not None
 
 
 def _is_open() -> tuple[ColumnElement[bool], ...]:

@@ -280,11 +280,32 @@ def test_nobody_makes_the_team_that_an_open_invitation_names(service: Harness) -
         return service.client.post("/v1/invitations/redeem", json={"code": code, "owner": owner, **order})
 
     assert_problem(redeemed(for_mallory, "mallory", team="BLUE"), 409, "team 'BLUE' exists")
-    assert_problem(redeemed(for_mallory, "blue"), 409, "team 'blue' exists")
+    assert_problem(redeemed(for_mallory, "blue"), 409, "a team has the name 'blue'")
+    assert_problem(redeemed(for_mallory, "blue", team="red"), 409, "a team has the name 'blue'")
     assert redeemed(for_mallory, "mallory", team="red").json()["team"] == "red"
     assert organiser.delete(f"/v1/challenges/cup/invitations/{made[0]['id']}").status_code == 204
     assert redeemed(for_bob, "bob", team="blue").json()["team"] == "blue"
     assert_problem(redeemed(for_ann, "ann"), 404, "no open invitation")
+
+
+def test_an_owner_may_have_the_name_of_the_team_that_the_own_invitation_names(service: Harness) -> None:
+    organiser = service.caller("lab", Role.ORGANISER)
+    for challenge in ("cup", "other"):
+        make_challenge(organiser, challenge)
+
+    def code(challenge: str) -> str:
+        made = organiser.post(f"/v1/challenges/{challenge}/invitations", {"team": "Ann"}).json()
+        return str(made["code"])
+
+    codes, elsewhere = [code("cup") for _ in range(2)], code("other")
+    first: dict[str, Any] = {"code": codes[0], "owner": "ann"}
+    assert_problem(service.client.post("/v1/invitations/redeem", json=first | {"code": elsewhere}), 409, "a team has")
+    assert_problem(service.client.post("/v1/invitations/redeem", json=first), 409, "a team has")
+    (other,) = organiser.get("/v1/challenges/other/invitations").json()["items"]
+    organiser.delete(f"/v1/challenges/other/invitations/{other['id']}")
+    assert service.client.post("/v1/invitations/redeem", json=first).json()["team"] == "Ann"
+    second = service.client.post("/v1/invitations/redeem", json={"code": codes[1], "owner": "bob"})
+    assert second.json()["team"] == "Ann"
 
 
 # Who may enter
