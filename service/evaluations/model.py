@@ -31,7 +31,10 @@ class EvaluationStatus(StrEnum):
     @property
     def finished(self) -> bool:
         """Whether the status is final unless the evaluation is resumed."""
-        return self in (EvaluationStatus.DONE, EvaluationStatus.FAILED, EvaluationStatus.CANCELLED)
+        return self not in UNFINISHED
+
+
+UNFINISHED: Final = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 
 
 class EpisodeStatus(StrEnum):

@@ -14,6 +14,7 @@ from dohyo.service.benchmarks.catalog import AnyBenchmark, AnyScenario
 from dohyo.service.database.base import new_id, now
 from dohyo.service.database.pages import newest_first
 from dohyo.service.evaluations.model import (
+    UNFINISHED,
     Attempt,
     BenchmarkVersion,
     Episode,
@@ -24,7 +25,6 @@ from dohyo.service.evaluations.model import (
 )
 from dohyo.service.submissions.model import Agent, Submission
 
-UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 AGAIN = (EpisodeStatus.LOST, EpisodeStatus.CANCELLED)
 
 Counts = dict[EpisodeStatus, int]

@@ -1,6 +1,6 @@
 """Orders: a request that becomes a job, and its answer: 202 at once, or what the job made for `Prefer: wait`.
 
-job = await order_job(services, caller.owner, "verification", {"episode": identifier})
+job = await order_job(services, caller.owner, "redrive", {"episode": identifier, "record": record_hash})
 return await answer_job(services, job, wait_s)
 """
 

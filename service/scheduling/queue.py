@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session
 from dohyo.service.boards.model import Ranking
 from dohyo.service.database.base import now
 from dohyo.service.evaluations.model import (
+    UNFINISHED,
     Attempt,
     AttemptOutcome,
     Episode,
@@ -33,7 +34,6 @@ from dohyo.service.scheduling import attempts
 from dohyo.service.scheduling.attempts import LEAVING, UNCOUNTED, AttemptEnd, AttemptKey
 from dohyo.service.submissions.model import AgentKind, Submission
 
-UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 LONGEST_FAILURE = 2000
 NO_SCORE = "all episodes were lost to gridlocks, which follow from their seeds: the run has no score, and no place"
 

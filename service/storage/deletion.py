@@ -14,12 +14,10 @@ from sqlalchemy.orm import Session
 from dohyo.service.database.engine import Database
 from dohyo.service.episodes.archive import archived_path
 from dohyo.service.errors import ConflictError
-from dohyo.service.evaluations.model import Attempt, Episode, Evaluation, EvaluationEgo, EvaluationStatus
+from dohyo.service.evaluations.model import UNFINISHED, Attempt, Episode, Evaluation, EvaluationEgo
 from dohyo.service.settings import Settings
 from dohyo.service.storage.files import file_lock
 from dohyo.service.submissions.model import Submission
-
-UNFINISHED = (EvaluationStatus.QUEUED, EvaluationStatus.RUNNING)
 
 
 def delete_evaluation(session: Session, evaluation: Evaluation) -> list[str]:
