@@ -32,6 +32,7 @@ from dohyo.sumo_networks.ego.control import make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.envs.env_rows import Observations
 from dohyo.sumo_networks.envs.local_vector_env import LocalVectorEnv
+from dohyo.sumo_networks.envs.spaces import own_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.sensors import Track, make_sensors
 from dohyo.sumo_networks.units import TICK_S
@@ -128,8 +129,8 @@ class RemoteEnv(LocalVectorEnv):
         given |= {"reward": reward} | options
         names = tuple(given["sensors"])
         made = make_sensors(names, Track.PRIVILEGED)
-        spaces: dict[str, gymnasium.Space[Any]] = {sensor.name: _vector_of(sensor.space) for sensor in made}
-        actions = make_control(given["control"], VehicleParameters(), TICK_S).space
+        spaces: dict[str, gymnasium.Space[Any]] = {sensor.name: _vector_of(own_space(sensor.space)) for sensor in made}
+        actions = own_space(make_control(given["control"], VehicleParameters(), TICK_S).space)
         world: dict[str, Any] = {"reward": given["reward"], "stays": True, "deadline_s": 600}
         if scenario is None:
             world |= {"benchmark": given["benchmark"] or "quickstart", "mission": given["mission"]}

@@ -27,6 +27,7 @@ from dohyo.sumo_networks.envs.options import (
     checked_sensors,
 )
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
+from dohyo.sumo_networks.envs.spaces import own_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
@@ -110,9 +111,9 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         self._interrupted = False
         self._controls = self._new_controls()
         self._rewards: dict[str, Reward] = {name: make_reward(reward) for name in self.possible_agents if reward}
-        self._action_spaces = {name: control.space for name, control in self._controls.items()}
+        self._action_spaces = {name: own_space(control.space) for name, control in self._controls.items()}
         self._observation_spaces = {
-            name: gymnasium.spaces.Dict({sensor.name: sensor.space for sensor in chosen})
+            name: gymnasium.spaces.Dict({sensor.name: own_space(sensor.space) for sensor in chosen})
             for name, chosen in self._sensors.items()
         }
 

@@ -25,6 +25,7 @@ from dohyo.sumo_networks.envs.options import (
     checked_sensors,
 )
 from dohyo.sumo_networks.envs.process_vector_env import ProcessVectorEnv
+from dohyo.sumo_networks.envs.spaces import own_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -68,8 +69,8 @@ def scenario_rows(
     return ProcessVectorEnv(
         make_env=partial(ScenarioEnv, scenarios, egos, (chosen, control, reward, render_mode)),
         num_envs=num_envs * egos,
-        observation_space=Dict({sensor.name: sensor.space for sensor in make_sensors(chosen)}),
-        action_space=make_control(control, VehicleParameters(), TICK_S).space,
+        observation_space=Dict({sensor.name: own_space(sensor.space) for sensor in make_sensors(chosen)}),
+        action_space=own_space(make_control(control, VehicleParameters(), TICK_S).space),
         group_size=egos,
     )
 

@@ -4,6 +4,7 @@ import copy
 import pickle
 from typing import Any
 
+import gymnasium
 import libsumo
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from torchrl.envs.utils import check_env_specs
 from dohyo.sumo_networks.ego.control import CONTROLS, InvalidActionError
 from dohyo.sumo_networks.envs.driving_env import DrivingEnv
 from dohyo.sumo_networks.envs.reward import REWARDS
+from dohyo.sumo_networks.envs.scenario_env import scenario_rows
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Scenario, Traffic
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
@@ -493,6 +495,23 @@ def test_spaces_are_known_before_the_first_episode(make_env: MakeEnv) -> None:
         assert env.observation_space(name) is env.observation_space(name)
         assert env.action_space(name).contains(env.action_space(name).sample())
     assert set(REWARDS) >= {"roach", "progress"}
+
+
+def test_no_space_shares_its_generator_with_another() -> None:
+    envs = [DrivingEnv(two_egos(), sensors=("speedometer",)) for _ in range(2)]
+    spaces = [space for env in envs for name in env.possible_agents for space in spaces_of(env, name)]
+    for seed, space in enumerate(spaces):
+        space.seed(seed)
+    drawn = [space.sample() for space in spaces]
+    for seed, space in enumerate(spaces):
+        space.seed(seed)
+        np.testing.assert_equal(space.sample(), drawn[seed])
+    vectors = [scenario_rows([light()], 1, sensors=("speedometer",)).action_space for _ in range(2)]
+    assert not np.array_equal(vectors[0].sample(), vectors[1].sample())
+
+
+def spaces_of(env: DrivingEnv, name: str) -> tuple[gymnasium.Space[Any], ...]:
+    return env.action_space(name), env.observation_space(name)
 
 
 def test_there_is_a_world_from_the_first_reset_on_and_also_after_the_end(make_env: MakeEnv) -> None:
