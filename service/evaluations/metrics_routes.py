@@ -12,6 +12,7 @@ from dohyo.service.boards import queries as reading
 from dohyo.service.boards.leaderboard import Entry
 from dohyo.service.episodes.readers import ReadersOf, evaluation_for
 from dohyo.service.episodes.reading_views import InfractionsView, InfractionView
+from dohyo.service.errors import NotFoundError
 from dohyo.service.evaluations.access import Aspect
 from dohyo.service.evaluations.metrics import as_csv, as_document
 from dohyo.service.evaluations.metrics_views import MetricsView
@@ -72,4 +73,7 @@ def get_evaluation_infractions(
 
 def _entry(services: Services, identifier: str) -> Entry:
     with services.database.reading() as session:
-        return reading.entries(session, [identifier])[identifier]
+        entry = reading.entries(session, [identifier]).get(identifier)
+    if entry is None:  # it was deleted since the caller's right to it was checked
+        raise NotFoundError(f"no evaluation '{identifier}'")
+    return entry

@@ -3,14 +3,18 @@ from __future__ import annotations
 import json
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy import select
 
 from dohyo.evaluation.benchmarks.benchmark import load_benchmark
 from dohyo.service.accounts.model import Role
-from dohyo.service.evaluations.model import EpisodeStatus, EvaluationStatus
+from dohyo.service.episodes.readers import evaluation_for
+from dohyo.service.evaluations import metrics_routes
+from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.evaluations.queries import list_episodes
+from dohyo.service.storage.deletion import delete_evaluation
 from dohyo.service.submissions import installed
 from dohyo.service.submissions.model import Agent, Submission
 from tests.service.harness import Caller, Harness, assert_problem, finish, running
@@ -363,3 +367,22 @@ def test_a_run_of_a_built_in_agent_whose_code_has_changed_does_not_go_on(upgrade
         changed.info = changed.info | {"files_sha256": "0" * 64}
     installed._unchanged.clear()
     assert_problem(upgraded.post(f"/v1/evaluations/{run}/resume"), 409, "submit it again")
+
+
+@pytest.mark.parametrize("what", ["metrics", "metrics.csv", "infractions"])
+def test_metrics_of_an_evaluation_that_is_deleted_after_the_check_are_not_found(
+    service: Harness, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    team, database = service.caller("team"), service.services.database
+    team.agent("a")
+    run = team.evaluation("a")
+    finish(database, run, EvaluationStatus.CANCELLED, EpisodeStatus.CANCELLED)
+
+    def checked_and_deleted(*args: Any) -> Any:
+        found = evaluation_for(*args)
+        with database.session() as session:
+            delete_evaluation(session, session.get_one(Evaluation, run))
+        return found
+
+    monkeypatch.setattr(metrics_routes, "evaluation_for", checked_and_deleted)
+    assert_problem(team.get(f"/v1/evaluations/{run}/{what}"), 404, run)
