@@ -111,7 +111,18 @@ def summarise(
         InvalidInputError: If there is no record, they mix agents or benchmarks, or one scenario comes twice.
     """
     records = list(records)
-    agent, benchmark = _only_agent(records), _only_benchmark(records)
+    return _summary(records, records, rules, irs_length, unrecorded)
+
+
+def _summary(
+    records: Sequence[EpisodeRecord],
+    of: Sequence[EpisodeRecord],
+    rules: Rules,
+    irs_length: IrsLength,
+    unrecorded: int,
+) -> Summary:
+    """See `summarise`; the agent and the benchmark are those of `of`, so that there may be no record."""
+    agent, benchmark = _only_agent(of), _only_benchmark(of)
     counted = [record for record in records if not record.lost]
     _reject_repeats(counted)
     drives = [ego for record in counted for ego in record.egos]
@@ -143,13 +154,15 @@ def summarise_cells(
 ) -> dict[str, Summary]:
     """One summary per cell of the benchmark, in the order of their first records; see `summarise`.
 
-    A cell without any record has none; its `unrecorded` drives are in the summary of all.
+    A cell whose drives were all lost without a record has one, too, if there is any record: it comes last.
     """
+    records = list(records)
     cells: dict[str, list[EpisodeRecord]] = {}
     for record in records:
         cells.setdefault(record.scenario.cell, []).append(record)
+    cells |= {cell: [] for cell, count in unrecorded.items() if records and count and cell not in cells}
     return {
-        cell: summarise(some, rules=rules, irs_length=irs_length, unrecorded=unrecorded.get(cell, 0))
+        cell: _summary(some, some or records, rules, irs_length, unrecorded.get(cell, 0))
         for cell, some in cells.items()
     }
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
 from dohyo.evaluation.records.specifications import InfractionKind, Status
-from dohyo.evaluation.summary import SCORES, as_document, compare, summarise
+from dohyo.evaluation.summary import SCORES, as_document, compare, summarise, summarise_cells
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.evaluation.builders import AGENT, ego, episode, infraction, lost
 
@@ -115,6 +115,15 @@ def test_nothing_but_lost_episodes() -> None:
     summary = summarise([lost(seed=0), lost(seed=1)])
     assert (summary.episodes, summary.lost, summary.km) == (0, 2, 0.0)
     assert {estimate.mean for estimate in (summary.scores | summary.per_km).values()} == {None}
+
+
+def test_a_cell_with_nothing_but_unrecorded_drives_is_there_if_any_record_is() -> None:
+    cells = summarise_cells([episode(ego(), cell="town")], unrecorded={"gone": 2, "none": 0})
+    assert {cell: (one.agent, one.episodes, one.lost) for cell, one in cells.items()} == {
+        "town": (AGENT.name, 1, 0),
+        "gone": (AGENT.name, 0, 2),
+    }
+    assert summarise_cells([], unrecorded={"gone": 2}) == {}
 
 
 def test_an_agents_failure_is_no_excuse() -> None:

@@ -8,8 +8,10 @@ import pytest
 
 from dohyo.evaluation.records.specifications import Status
 from dohyo.evaluation.summary import summarise
+from dohyo.service.evaluations.metrics import as_document
 from dohyo.service.evaluations.rescoring import LAMBDA, rescore
 from tests.evaluation.builders import ego, episode
+from tests.service.evaluations.test_scoring import drives_of, entry
 
 
 @pytest.mark.parametrize("unrecorded", [0, 1])
@@ -23,3 +25,14 @@ def test_the_rate_score_with_lost_drives_is_that_of_the_summary(unrecorded: int)
     assert found["scores_lost_as_zero"]["irs"] == dataclasses.asdict(expected.scores_lost_as_zero["irs"])
     assert found["cells"]["all"]["scores_lost_as_zero"] == found["scores_lost_as_zero"]
     assert (found["lost"], found["scores_lost_as_zero"]["irs"]["high"]) == (2 + unrecorded, 100.0)
+
+
+def test_a_cell_that_lost_all_drives_without_a_record_is_in_both_answers() -> None:
+    record, unrecorded = episode(ego(), cell="town"), {"town": 1, "gone": 2}
+    rescored = rescore([record], rules="2.0", unrecorded=unrecorded)
+    metrics = as_document(entry("a", drives_of(record), lost=unrecorded))
+    assert [*rescored["cells"]] == [*metrics["cells"]] == ["town", "gone"]
+    for cell in (rescored["cells"]["gone"], metrics["cells"]["gone"]):
+        assert (cell["lost"], cell["episodes"], cell["scores"]["driving_score"]["mean"]) == (2, 0, None)
+        assert cell["scores_lost_as_zero"]["driving_score"]["mean"] == 0.0
+    assert rescored["cells"]["gone"]["agent"] == rescored["agent"]
