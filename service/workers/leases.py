@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections import Counter, deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from typing import Any
 
@@ -34,6 +34,7 @@ WORKERS_PER_OWNER = 256
 POLL_PAUSE_S = 5.0  # a worker counts as waiting for so long after its last poll
 FORGET_S = 300.0  # silent workers and replies of ended leases are forgotten after it
 MOST_RETURNS = 3
+MOST_RETURNED = 100_000  # episodes whose returns are counted; those that returned last, since some never finish
 LONGEST_TICK_S = 120.0  # time for the simulation's tick
 SLOWEST_PACE = 10.0  # the same per simulated second where a decision holds for longer: a planner can fill the road
 UNTOLD = {
@@ -59,7 +60,8 @@ class LeaseBook:
         self._tokens: dict[str, Worker] = {}
         self._leases: dict[str, Lease] = {}
         self._offers: list[RemoteEpisode] = []
-        self._returns = Counter[str]()  # without a step, by episode, over all its attempts
+        # Returns without a step, by episode, over all its attempts, also after a cancellation; the latest comes last.
+        self._returns: OrderedDict[str, int] = OrderedDict()
         self._polls: deque[tuple[Worker, asyncio.Future[Any]]] = deque()
 
     # Workers
@@ -208,8 +210,13 @@ class LeaseBook:
         """Offers an episode again that its worker has returned without a step."""
         self._end(lease, why)
         lease.episode.held = False
-        self._returns[lease.episode.order.stem] += 1
+        self._count_return(lease.episode)
         self._offer(lease.episode)
+
+    def _count_return(self, episode: RemoteEpisode) -> None:
+        self._returns[episode.order.stem] = self._returns.pop(episode.order.stem, 0) + 1
+        if len(self._returns) > MOST_RETURNED:
+            self._returns.popitem(last=False)
 
     # The lockstep
 
@@ -318,7 +325,7 @@ class LeaseBook:
 
         It does once a worker has made a step, or has seen the first observations too often.
         """
-        return episode.stepped or (episode.held and self._returns[episode.order.stem] >= MOST_RETURNS)
+        return episode.stepped or (episode.held and self._returns.get(episode.order.stem, 0) >= MOST_RETURNS)
 
     def ended(self, episode: RemoteEpisode, outcome: Outcome, directive: Directive = "run") -> None:
         """Ends the lease on an episode that has ended, if there is one."""
@@ -328,9 +335,9 @@ class LeaseBook:
             if lease.episode is episode and not lease.ended:
                 self._finish(lease, outcome, directive)
                 if directive == "abort" and not episode.stepped:
-                    self._returns[episode.order.stem] += 1
+                    self._count_return(episode)
         if outcome.end is End.FINISHED:
-            del self._returns[episode.order.stem]
+            self._returns.pop(episode.order.stem, None)
 
     def _finish(self, lease: Lease, outcome: Outcome, directive: Directive) -> None:
         if outcome.end is End.FINISHED or directive == "abort":

@@ -79,7 +79,7 @@ class FakeProcess:
         return [kind for kind, _ in self.sent]
 
 
-def episode(agent: str = "mine", slow_policy: Any = "wait") -> tuple[RemoteEpisode, FakeProcess]:
+def episode(agent: str = "mine", slow_policy: Any = "wait", stem: str = "s") -> tuple[RemoteEpisode, FakeProcess]:
     place = Place(lane="a_0")
     process = FakeProcess()
     order = EpisodeOrder(
@@ -87,7 +87,7 @@ def episode(agent: str = "mine", slow_policy: Any = "wait") -> tuple[RemoteEpiso
         info=AgentInfo(name=agent, entry="x:Y", track="map", sensors=("route",), control="lane_command"),
         benchmark=("b", "0" * 64),
         directory=Path(),
-        stem="s",
+        stem=stem,
         act_deadline_s=DEADLINE_S,
         remote=True,
         slow_policy=slow_policy,
@@ -117,8 +117,8 @@ async def acquired(book: LeaseBook, worker: Worker, wait_s: float = 0.0) -> Leas
         here.cancel()
 
 
-async def leased(book: LeaseBook, slow_policy: str = "wait") -> tuple[Lease, FakeProcess]:
-    one, process = episode(slow_policy=slow_policy)
+async def leased(book: LeaseBook, slow_policy: str = "wait", stem: str = "s") -> tuple[Lease, FakeProcess]:
+    one, process = episode(slow_policy=slow_policy, stem=stem)
     book.expect(one)
     process.show(0)
     lease = await acquired(book, hired(book))
@@ -442,6 +442,25 @@ def test_returns_are_counted_over_all_attempts_of_an_episode(clock: Clock) -> No
         assert process.killed is not None
         assert process.killed.end is End.GIVEN_BACK
 
+    run(test())
+
+
+def test_returns_are_counted_of_the_episodes_that_returned_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Episodes of cancelled evaluations never finish, and must not be remembered for ever."""
+
+    async def test() -> None:
+        book = LeaseBook(TTL_S)
+        for stem in [*("first" for _ in range(3)), *(f"other-{number}" for number in range(4))]:
+            lease, _ = await leased(book, stem=stem)
+            book.ended(lease.episode, Outcome(End.STOPPED), "abort")
+        for _ in range(3):
+            lease, _ = await leased(book, stem="last")
+            assert not book.is_costly(lease.episode)
+            book.ended(lease.episode, Outcome(End.STOPPED), "abort")
+        costly = {stem: book.is_costly((await leased(book, stem=stem))[0].episode) for stem in ("first", "last")}
+        assert costly == {"first": False, "last": True}
+
+    monkeypatch.setattr(module, "MOST_RETURNED", 4, raising=False)
     run(test())
 
 
