@@ -84,7 +84,8 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             control: Name from `control.CONTROLS`, for all egos or by ego name.
             reward: Name from `reward.REWARDS`; None: rewards are 0 and only the goal terminates.
             render_mode: "rgb_array" for pictures from `render`.
-            new_seeds: Whether a reset without a seed draws a new one below 2^30. By default it repeats the last one.
+            new_seeds: Whether a reset without a seed draws a new one below 2^30. It follows from the last seed given,
+                and is random before one was given, also to a copy. By default such a reset repeats the last seed.
 
         Raises:
             InvalidInputError: It is no scenario, a name is unknown, an ego has no sensors or control, or a time limit
@@ -98,7 +99,8 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         self.possible_agents = [mission.name for mission in scenario.missions]
         self.agents: list[str] = []
         self._index = {name: i for i, name in enumerate(self.possible_agents)}
-        self._new_seeds, self._seeds = new_seeds, np.random.default_rng(scenario.seed)
+        self._new_seeds = new_seeds
+        self._seeds: np.random.Generator | None = None
         chosen_sensors = by_ego("sensors", sensors, self.possible_agents)
         self._sensor_names = {name: checked_sensors(chosen) for name, chosen in chosen_sensors.items()}
         self._sensors = self._new_sensors()
@@ -116,6 +118,11 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             name: gymnasium.spaces.Dict({sensor.name: own_space(sensor.space) for sensor in chosen})
             for name, chosen in self._sensors.items()
         }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restores a copy, whose seeds do not follow from one that was given to the original."""
+        self.__dict__.update(state)
+        self._seeds = None
 
     @property
     def network(self) -> RoadNetwork:
@@ -176,7 +183,7 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
         Args:
             seed: Seed from 0 to 2^31 - 1 that replaces the scenario's seed, also in later resets. Without one, the
                 episode has the seed of the last one, and so the same traffic; with `new_seeds` it has one that follows
-                from the last seed given.
+                from the last seed given, or a random one where none was.
             options: Unused.
 
         Raises:
@@ -188,7 +195,8 @@ class DrivingEnv(RunsOnce, ParallelEnv):  # type: ignore[misc]
             seed = episode_seed(seed)
             self._seeds = np.random.default_rng(seed)
         elif self._new_seeds:
-            seed = int(self._seeds.integers(HELD_OUT_FROM))
+            drawn = self._seeds or np.random.default_rng()  # a new one each time, since processes may be forked
+            seed = int(drawn.integers(HELD_OUT_FROM))
         if self._simulation is not None:
             self._simulation.close()
             self._simulation = None

@@ -4,6 +4,7 @@ import copy
 import pickle
 from typing import Any
 
+import cloudpickle
 import gymnasium
 import libsumo
 import numpy as np
@@ -98,6 +99,28 @@ def test_a_seed_that_is_none_is_refused_and_changes_nothing(make_env: MakeEnv, s
     env.reset(seed=5)
     env.reset()
     assert env.scenario.seed == follows
+
+
+def test_copies_draw_seeds_of_their_own_until_one_is_given(make_env: MakeEnv) -> None:
+    env = make_env(short(), sensors=("speedometer",), new_seeds=True)
+    copies = [env, copy.deepcopy(env), pickle.loads(pickle.dumps(env)), cloudpickle.loads(cloudpickle.dumps(env))]
+    copies.append(DrivingEnv(short(), sensors=("speedometer",), new_seeds=True))
+
+    def seeds(seed: int | None = None) -> list[tuple[int, ...]]:
+        found = []
+        for one in copies:
+            drawn = []
+            for first in (seed, None, None):
+                one.reset(seed=first)
+                drawn.append(one.scenario.seed)
+            one.close()
+            found.append(tuple(drawn))
+        return found
+
+    assert len({seed for drawn in seeds() for seed in drawn}) == 3 * len(copies)
+    assert len(set(seeds(7))) == 1, "the same first seed"
+    copies = [env, pickle.loads(pickle.dumps(env))]
+    assert len(set(seeds())) == 2, "a copy of one that had a seed"
 
 
 @pytest.mark.parametrize("seed", [0, 2**31 - 1, np.int64(4), np.uint32(2**30)])
