@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Final
 
 from dohyo.agents.parking.study.arms import ARMS, REACHED
@@ -22,6 +23,8 @@ SHOWN: Final = {
     "timed_out": "out of time, %",
     "time_s": "time, s",
 }
+OF_SUCCESSES: Final = {"aligned", "time_s"}
+"""Measures of the karts that parked; blocks without one have no value."""
 STEPS: Final = "threshold_steps"
 CLAIMS: Final = (
     Claim("simple-ppo", ">", "simple-sac", "success", REACHED),
@@ -77,7 +80,7 @@ def arms_table(results: Results) -> str:
     lines = []
     for arm, own in by_arm(results.kept, ARMS).items():
         for benchmark, some in grouped(own, "benchmark").items():
-            means = [mean_of(some, arm, measure, alone=of_blocks) for measure in SHOWN]
+            means = [_mean(some, arm, measure) for measure in SHOWN]
             reported = ARMS[arm].reported
             said = MISSING if reported is None or benchmark != ARMS[arm].benchmarks[0] else f"{reported:g}"
             own_place = benchmark == ARMS[arm].benchmarks[0]
@@ -87,10 +90,31 @@ def arms_table(results: Results) -> str:
     return markdown(heads, lines) if lines else ""
 
 
-def of_blocks(values: Sequence[float]) -> Estimate:
-    """Mean over blocks of lots; a share that is 0 or 100 % in all of them has Wilson's interval over the lots."""
+def _mean(rows: Sequence[Row], arm: str, measure: str) -> str:
+    """Mean of a measure, and of how many trainings where some have no value."""
+    told = [row for row in rows if row[measure] is not None]
+    alone = partial(_of_blocks, count=_judged_lots(told, measure))
+    having, every = ({row["training_seed"] for row in some} for some in (told, rows))
+    of = f", {len(having)} of {len(every)} trainings" if 0 < len(having) < len(every) else ""
+    return mean_of(told, arm, measure, alone=alone) + of
+
+
+def _judged_lots(rows: Iterable[Row], measure: str) -> int:
+    """Lots that a measure was taken in: those parked in for what is of successes, else all.
+
+    A block that several trainings drove counts once, as the one with most; karts of one lot count as one.
+    """
+    found: dict[str, int] = {}
+    for row in rows:
+        lots = round(LOTS * row["success"] / 100.0) if measure in OF_SUCCESSES else LOTS
+        found[row["scenario"]] = max(found.get(row["scenario"], 0), lots)
+    return sum(found.values())
+
+
+def _of_blocks(values: Sequence[float], count: int) -> Estimate:
+    """Mean over blocks of lots; a share that is 0 or 100 % in all of them has Wilson's interval over `count` lots."""
     if set(values) in ({0.0}, {100.0}):
-        return share_estimate([value == 100.0 for value in values for _ in range(LOTS)])
+        return share_estimate([values[0] == 100.0] * count)
     return mean_estimate(values)
 
 

@@ -74,3 +74,22 @@ def test_a_training_that_never_reaches_the_threshold_counts_with_all_its_steps()
     (verdict,) = [line for line in claims(Results(rows, {})).splitlines() if "simple-ppo < simple-poca" in line]
     assert "-657" in verdict
     assert "n=3" in verdict
+
+
+def aligned_cell(rows):
+    (line,) = arms_table(Results(rows, {})).splitlines()[2:]
+    return line.split(" | ")[6]
+
+
+def test_the_share_of_successes_that_is_aligned_is_uncertain_by_the_number_of_successes():
+    parked = {0: 3.0, 1: 4.0, 2: 1.0, 3: 0.0}
+    rows = [row("ppo", 0, block, share, aligned=0.0 if share else None) for block, share in parked.items()]
+    assert aligned_cell(rows) == "0.0 [0.0, 32.4]"  # Wilson's of none of 8
+    # The same lots, driven by a second training, are no more lots; one without a success has no value.
+    rows += [row("ppo", 1, block, min(share, 2.0), aligned=0.0 if share else None) for block, share in parked.items()]
+    rows += [row("ppo", 2, block, 0.0, aligned=None) for block in parked]
+    assert aligned_cell(rows) == "0.0 [0.0, 32.4], 2 of 3 trainings"
+
+
+def test_an_arm_that_never_parks_has_no_share_of_successes():
+    assert aligned_cell([row("ppo", 0, block, 0.0, aligned=None) for block in range(3)]) == "\N{EM DASH}"
