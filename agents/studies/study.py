@@ -70,7 +70,7 @@ class Study(Generic[O]):
         fresh: Whether each job gets a process of its own.
         phase: Phase of a cell; a phase begins when the one before has ended.
         read: Reads the results of a folder.
-        facts: Facts of a run beside its options; called at its end.
+        facts: Facts of a run beside its options; called at its end. Until then those of earlier runs hold.
         figures: Draws the figures into a folder, and returns their paths; None without figures.
         judged: Judges the claims on the stored results; those whose arms have no rows are left out.
         published: Folder of the published rows in `results` of the room; "": that itself.
@@ -138,10 +138,10 @@ class Study(Generic[O]):
                 f"'{out}' has rows of dohyo {', '.join(sorted(others))}: expected {here}; choose another --out"
             )
         self.prepare(options, cells, workers)
-        sessions = earlier.facts.get("sessions", ()) if earlier.kept else ()  # one that made no row tells nothing
-        origin = {"options": given, "sessions": [*sessions, surroundings()]}
+        facts = earlier.facts if earlier.kept else {}  # those of sessions that made no row tell nothing
+        facts = {**facts, "options": given, "sessions": [*facts.get("sessions", ()), surroundings()]}
         out.mkdir(parents=True, exist_ok=True)
-        _write_facts(out, origin)
+        _write_facts(out, facts)
         work = partial(self.work, options)
         for _, some in groupby(sorted(cells, key=self.phase), self.phase):
             run(
@@ -154,7 +154,7 @@ class Study(Generic[O]):
                 fresh=self.fresh,
                 progress=progress,
             )
-        _write_facts(out, {**origin, **self.facts(options)})
+        _write_facts(out, {**facts, **self.facts(options)})
 
 
 def _defaults(options: type[Config]) -> Mapping[str, Any]:

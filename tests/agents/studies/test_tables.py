@@ -161,5 +161,30 @@ def test_facts_hold_the_options_and_the_commit_of_every_session(tmp_path: Path) 
         assert {"commit", "command", "versions"} <= set(facts["sessions"][0])
 
 
+def test_a_study_that_is_stopped_keeps_the_facts_of_earlier_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = replace(
+        study_named("ghrl"),
+        work=one_row,
+        prepare=lambda options, cells, workers: None,
+        facts=lambda options: {"stretches": 12},
+        tables={"stretches": lambda results: f"{results.facts['stretches']} stretches"},
+        judged=lambda results: (),
+    )
+    study.run(tmp_path, chosen=lambda cell: cell.arm == "rules")
+    with pytest.raises(InvalidInputError, match="stopped"):
+        replace(study, work=stopped).run(tmp_path)
+    facts = read_results(tmp_path).facts
+    assert (facts["stretches"], len(facts["sessions"])) == (12, 2)
+    monkeypatch.setattr(command, "study_named", lambda name: study)
+    main(["ghrl", "table", "--rows", str(tmp_path)])
+    assert "12 stretches" in capsys.readouterr().out
+
+
+def stopped(options: Config, job: Job) -> list[Row]:
+    raise InvalidInputError("stopped")
+
+
 def one_row(options: Config, job: Job) -> list[Row]:
     return [{**cell._asdict(), "success": True} for cell in job]
