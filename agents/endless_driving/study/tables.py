@@ -12,6 +12,7 @@ import numpy as np
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.judging import EDGES_M
 from dohyo.agents.studies.claims import Claim, Judgement
+from dohyo.agents.studies.crossed_bootstrap import of_shares
 from dohyo.agents.studies.rows import Row, by_arm, infractions_per_km
 from dohyo.agents.studies.study import Results, judging
 from dohyo.agents.studies.tables import claims_section, mean_of, rounded
@@ -66,7 +67,7 @@ def success_table(arms: Arms, results: Results) -> str:
     lines = []
     for arm, own in by_arm(driven(results), arms).items():
         shown = [
-            mean_of(of_traffic(own, traffic), arm, measure)
+            mean_of(of_traffic(own, traffic), arm, measure, alone=of_shares)
             for measure in ("success", "lawful_success")
             for traffic in TRAFFIC
         ]

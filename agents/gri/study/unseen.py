@@ -22,6 +22,7 @@ from dohyo.agents.gri.study.study import Options, policy_of
 from dohyo.agents.registry import resolve
 from dohyo.agents.studies.arms import Block, Cell, cells_of
 from dohyo.agents.studies.claims import Claim
+from dohyo.agents.studies.crossed_bootstrap import of_shares
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row, by_arm, infractions_per_km
 from dohyo.agents.studies.runner import Job
@@ -101,7 +102,7 @@ def success(reported: Reported, results: Results) -> str:
     lines = []
     for arm, own in by_arm(results.kept, ARMS).items():
         count = len({row["training_seed"] for row in own})
-        shown = [mean_of(of_traffic(own, traffic), arm, "success") for traffic in TRAFFIC]
+        shown = [mean_of(of_traffic(own, traffic), arm, "success", alone=of_shares) for traffic in TRAFFIC]
         completion = mean_of(own, arm, "route_completion")
         told = " / ".join(f"{value:g}" for value in reported.get(arm, ())) or MISSING
         steps = f"{own[0]['steps']:,}"

@@ -12,11 +12,13 @@ import numpy as np
 from dohyo.agents.priboot.study import lengths
 from dohyo.agents.priboot.study.arms import ARMS
 from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
+from dohyo.agents.studies.crossed_bootstrap import of_shares
 from dohyo.agents.studies.rows import Row, by_place, infractions_per_km
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_section, mean_of, rounded
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.evaluation.report.style import MISSING, markdown
+from dohyo.evaluation.statistics import mean_estimate
 
 MEASURES: Final[Mapping[str, str]] = {
     "driving_score": "DS, %",
@@ -58,7 +60,7 @@ def arms_table(results: Results) -> str:
     """A row per arm and network."""
     lines = []
     for network, arm, own in by_place(results.kept, ARMS):
-        scores = [mean_of(own, arm, name, 2 if name == "infraction_penalty" else 1) for name in MEASURES]
+        scores = [_mean(own, arm, name) for name in MEASURES]
         thesis = ARMS[arm].reported if network == "leaderboard" else None
         told = MISSING if thesis is None else " / ".join(f"{value:g}" for value in thesis)
         lines.append([network, arm, ARMS[arm].isolates or MISSING, *scores, *_losses(own), str(len(own)), told])
@@ -89,6 +91,12 @@ def lengths_table(results: Results) -> str:
             lines.append([network, arm, head, *(f"{one[which]:.{digits}f}" for one in scores)])
     heads = ["benchmark", "arm", "score", *(f"x {count}" for count in lengths.JOINED)]
     return markdown(heads, lines) if lines else ""
+
+
+def _mean(rows: Sequence[Row], arm: str, measure: str) -> str:
+    """Mean of a measure of some drives, with its interval."""
+    digits = 2 if measure == "infraction_penalty" else 1
+    return mean_of(rows, arm, measure, digits, of_shares if measure == "nocrash_success" else mean_estimate)
 
 
 def _losses(rows: Sequence[Row]) -> list[str]:

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
 from dohyo.agents.priboot.study import hesitation, study
 from dohyo.agents.priboot.study.lengths import JOINED, in_pairs, joined
+from dohyo.agents.priboot.study.tables import arms_table
 from dohyo.agents.priboot.training.train import TrainConfig
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
+from dohyo.agents.studies.study import Results
 from dohyo.sumo_networks.scenario import Traffic
 from tests.agents.priboot.test_priboot import policy
 
@@ -41,6 +43,14 @@ def test_at_a_constant_rate_only_the_driving_score_falls_with_the_length() -> No
 def on_missions(*drives: Row) -> list[Row]:
     cell = {"arm": "autopilot", "training_seed": None, "benchmark": "nocrash", "seed": 0}
     return [{**cell, "scenario": f"m{number}", **one} for number, one in enumerate(drives)]
+
+
+def test_success_in_all_drives_has_wilsons_interval() -> None:
+    more = {"driving_score": 100.0, "irs_route": 100.0, "nocrash_success": 100.0}
+    rows = [{**one, **more} for one in on_missions(*(drive(1.0, 0) for _ in range(25)))]
+    line = arms_table(Results(rows, {})).splitlines()[2]
+    assert "| 100.0 [86.7, 100.0] |" in line
+    assert line.count("[86.7") == 1, "the driving score is no share"
 
 
 def test_two_equal_drives_joined_have_the_same_rate_score_and_a_lower_driving_score() -> None:

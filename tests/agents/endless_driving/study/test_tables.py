@@ -47,6 +47,12 @@ def test_success_infractions_offsets_and_the_verdict_come_from_the_drives() -> N
     assert made["trainings"] == ""
 
 
+def test_a_share_of_equal_drives_has_wilsons_interval() -> None:
+    rows = [drive("one", 0, mission, 100.0) for mission in range(25)]
+    line = tables_of(ARMS, ())["success"](Results(rows, {})).splitlines()[2].split("|")
+    assert (line[5].strip(), line[8].strip()) == ("100.0 [86.7, 100.0]", "0.0 [0.0, 13.3]")
+
+
 @pytest.mark.parametrize(
     ("arms", "claims", "kind"), [(RLAD, RLAD_CLAIMS, RladRunConfig), (RLFOLD, RLFOLD_CLAIMS, RlfoldRunConfig)]
 )

@@ -53,6 +53,11 @@ def test_tables_tell_success_beside_the_thesis_and_decide() -> None:
     assert claims.count("reproduced") == 4
 
 
+def test_no_success_in_25_missions_is_not_taken_for_none_ever() -> None:
+    line = unseen.success({}, Results(rows(GRIAD, 0), {})).splitlines()[2]
+    assert line.count("0.0 [0.0, 13.3]") == 3
+
+
 def test_encoders_are_compared_on_the_same_missions_as_states() -> None:
     of_pictures = pictures.STUDY.cells(Options())
     arms = {cell.arm for cell in of_pictures}
