@@ -53,16 +53,23 @@ def train_to_the_end(trainer: Trainer[Any], name: str, config: RunConfig, folder
     """Begins or resumes the training of a folder on a task, unless it has taken its steps; for studies.
 
     Raises:
-        InvalidInputError: The folder holds a training of another trainer or configuration.
+        InvalidInputError: The folder holds a training of another trainer or configuration, or one of more steps.
         RunStoppedError: The training was stopped.
     """
     from dohyo.agents.learning.runs.run import FREE, stored_config  # torch is slow to import: only if needed
 
-    stored, result = stored_config(folder, name), folder / "result.json"
-    if stored is not None and result.exists() and json.loads(result.read_text())["finished"]:
-        before = read_settings(type(config), stored)
-        if changed := differences(before, config, FREE):
+    stored = stored_config(folder, name)
+    if stored is not None and _has_ended(folder, (before := read_settings(type(config), stored)).steps):
+        # More steps may be added to a training, and none taken away.
+        if changed := differences(before, config, FREE if before.steps < config.steps else FREE - {"steps"}):
             raise InvalidInputError(f"the run in '{folder}' was started with {'; '.join(changed)}")
-        if before.steps >= config.steps:
+        if before.steps == config.steps:
             return
     trainer.train(config, TrainRequest(name, folder, stored is not None, no_report))
+
+
+def _has_ended(folder: Path, steps: int) -> bool:
+    """Whether a run has taken its steps; one that was extended and killed may have the result of its first end."""
+    result = folder / "result.json"
+    found = json.loads(result.read_text()) if result.exists() else {"finished": False}
+    return bool(found["finished"]) and int(found["steps"]) >= steps

@@ -175,8 +175,17 @@ def test_a_study_takes_a_finished_run_only_for_what_it_is(folder, tmp_path):
         train_to_the_end(POINT, TOY, config.model_copy(update={"seed": 6}), out)
     with pytest.raises(InvalidInputError, match="not of 'another'"):
         train_to_the_end(POINT, "another", config, out)
-    train_to_the_end(POINT, TOY, config.model_copy(update={"steps": config.steps + 128}), out)
+    with pytest.raises(InvalidInputError, match=f"was started with steps = {config.steps}, not 512"):
+        train_to_the_end(POINT, TOY, config.model_copy(update={"steps": 512}), out)
+    assert (out / "metrics.csv").read_bytes() == before
+    longer = config.model_copy(update={"steps": config.steps + 128})
+    ended = (out / "result.json").read_bytes()
+    train_to_the_end(POINT, TOY, longer, out)
     assert (out / "metrics.csv").read_bytes().count(b"\n") == before.count(b"\n") + 1
+    # As if the longer one had been killed before its first evaluation.
+    (out / "result.json").write_bytes(ended)
+    train_to_the_end(POINT, TOY, longer, out)
+    assert json.loads((out / "result.json").read_text())["steps"] == longer.steps
 
 
 @pytest.mark.parametrize(
