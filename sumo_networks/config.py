@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -35,6 +36,19 @@ class Config(BaseModel):
             raise InvalidInputError(f"{path}: {describe_fault(error, cls)}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise InvalidInputError(f"{path}: {error}") from error
+
+
+def toml_value(value: object) -> str:
+    """A text, number, truth value or list of these as TOML in ASCII; halves of characters become U+FFFD."""
+    text = json.dumps(value, ensure_ascii=False)
+    return "".join(one if " " <= one <= "~" else _escaped(ord(one)) for one in text)
+
+
+def _escaped(code: int) -> str:
+    """A character as TOML escapes it, which has no surrogate pairs, unlike JSON."""
+    if 0xD800 <= code < 0xE000:
+        code = 0xFFFD
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 class Place(Config):

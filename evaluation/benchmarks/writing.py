@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.benchmarks.benchmark import AutoEvents, Benchmark, Cell, ScriptedMission, TimeLimit
 from dohyo.evaluation.output_file import write_output
+from dohyo.sumo_networks.config import toml_value
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Place, Traffic
 
@@ -111,9 +111,9 @@ def _line(key: str, value: Any, explained: bool = True) -> str:
 
 
 def _inline(value: Any) -> str:
-    """A value as inline TOML; a JSON string, escaped to ASCII, is also a TOML string."""
+    """A value as inline TOML."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_inline(one)}" for key, one in value.items()) + " }" if value else "{}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_inline, value)) + "]"
-    return json.dumps(value).replace("\x7f", "\\u007f")
+    return toml_value(value)

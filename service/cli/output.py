@@ -74,6 +74,7 @@ def print_json(document: object) -> None:
     unicode = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
     json.dump(document, sys.stdout, indent=1, ensure_ascii=not unicode)
     sys.stdout.write("\n")
+    sys.stdout.flush()  # whoever reads a pipe gets each document of a command that goes on
 
 
 def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -178,9 +179,11 @@ def interval(estimate: Estimate) -> str:
 
 
 def number(value: float) -> str:
-    """Three significant digits."""
+    """Three significant digits, and at least two decimals below 10."""
     if value == 0:
         return "0"
+    if abs(value) < 0.1:
+        return f"{value:.3g}"
     if abs(value) >= 100:
         return f"{value:.0f}"
     return f"{value:.1f}" if abs(value) >= 10 else f"{value:.2f}"

@@ -6,14 +6,15 @@ Files are untrusted: `xml_guard.scan` checks each file before netconvert or anot
 from __future__ import annotations
 
 import gzip
-import json
 import os
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dohyo.sumo_networks.config import toml_value
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.conversion.netconvert import (
@@ -108,12 +109,12 @@ def prepare_network(
         made = source.convert(Path(work) / f"{name}.net.xml")
         _pack(made.path, packed)
         progress("trying the roads")
-        network = _checked(packed, name, file, converted=made.warnings is not None)
+        network = _checked(packed, name, file, made.warnings is not None, options.timeout_s)
         repair = plan_repair(network, largest=options.largest_part, fix=options.fix)
         if repair.needed:
             progress("repairing it")
             _pack(repair.carry_out(made.path, Path(work) / "repaired.net.xml", file, options.timeout_s), packed)
-            network = _checked(packed, name, file, converted=True)
+            network = _checked(packed, name, file, True, options.timeout_s)
     guessed = (*made.decided, *repair.decided, *source.counted(network, made.warnings))
     entry = _entry(source, packed.name, guessed, network_size(network))
     (folder / ENTRY).write_text(entry, encoding="utf-8")
@@ -199,7 +200,7 @@ def _pack(net: Path, packed: Path) -> None:
     packed.write_bytes(gzip.compress(without_comments(net.read_bytes()), mtime=0))
 
 
-def _checked(net: Path, name: str, file: Path, converted: bool) -> RoadNetwork:
+def _checked(net: Path, name: str, file: Path, converted: bool, timeout_s: float) -> RoadNetwork:
     """Reads the net, and checks that dohyo and SUMO can both open it.
 
     Args:
@@ -207,6 +208,7 @@ def _checked(net: Path, name: str, file: Path, converted: bool) -> RoadNetwork:
         name: Name of the new network.
         file: Path that the user gave, for error messages.
         converted: Whether netconvert has made the net; otherwise it is the file as it is.
+        timeout_s: Time that SUMO has to open it, s.
     """
     try:
         network = read_network(net, name)
@@ -216,7 +218,11 @@ def _checked(net: Path, name: str, file: Path, converted: bool) -> RoadNetwork:
     drives = lanes.drivable[connections.source] & lanes.drivable[connections.target]
     if not (drives & ~lanes.internal[connections.source]).any():
         raise InvalidInputError(f"'{file}': no road leads to another for passenger cars, so there is nothing to drive")
-    done = run_program("sumo", ["-n", str(net), "--end", "1", "--no-step-log", "--xml-validation.net", "never"], 120.0)
+    command = ["-n", str(net), "--end", "1", "--no-step-log", "--xml-validation.net", "never"]
+    try:
+        done = run_program("sumo", command, timeout_s)
+    except subprocess.TimeoutExpired as error:
+        raise InvalidInputError(f"'{file}': SUMO did not open the net within {timeout_s:.0f} s") from error
     if done.returncode:
         errors = [line.removeprefix("Error: ") for line in done.stderr.splitlines() if line.startswith("Error: ")]
         what = "the net that netconvert made of it" if converted else "it"
@@ -239,8 +245,7 @@ def _entry(source: SourceFile, net: str, guessed: Sequence[str], size: NetworkSi
         "mirrored": source.left_hand or source.options.mirrored,
     }
     fields |= {"size." + key: value for key, value in size.model_dump().items()}
-    # A JSON value, escaped to ASCII, is a TOML value too.
-    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items()).replace("\x7f", " ")
+    return "".join(f"{key} = {toml_value(value)}\n" for key, value in fields.items())
 
 
 def _publish(name: str, files: Sequence[Path], force: bool) -> Path:
@@ -258,6 +263,8 @@ def _publish(name: str, files: Sequence[Path], force: bool) -> Path:
                 os.replace(entry, old)
             os.rename(staging, entry)
         finally:
+            if old.exists() and not entry.exists():  # interrupted between the two
+                os.rename(old, entry)
             shutil.rmtree(staging, ignore_errors=True)
             shutil.rmtree(old, ignore_errors=True)
     except OSError as error:

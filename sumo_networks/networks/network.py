@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import zipfile
+import zlib
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -297,17 +300,15 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
     check_size(path, limit_mb)
     sha256 = file_hash(path)
     cached = cache_folder() / parsed_name(sha256)
-    if cached.exists():
-        with np.load(cached, allow_pickle=False) as file:
-            tables = {key: file[key] for key in file.files}
-    else:
+    tables = _kept_tables(cached)
+    if tables is None:
         if scan(path, "net", limit_mb).left_hand:
             raise InvalidInputError(
                 f"network file '{path}' has left-hand traffic, in which dohyo cannot drive: `dohyo networks import` "
                 "makes its mirror image, in which traffic drives on the right"
             )
         tables = parse_net(path)
-        with suppress(PermissionError):  # a process that may not store it can still use it
+        with suppress(OSError):  # a process that may not store it, or finds no room, can still use it
             cached.parent.mkdir(parents=True, exist_ok=True)
             with staged(cached) as draft, draft.open("wb") as file:
                 np.savez_compressed(file, **tables)  # type: ignore[arg-type]
@@ -316,6 +317,15 @@ def read_network(path: Path, name: str, limit_mb: float = math.inf) -> RoadNetwo
         for group, kind in _GROUPS.items()
     }
     return RoadNetwork(name=name, path=path, sha256=sha256, **groups)
+
+
+def _kept_tables(cached: Path) -> dict[str, Any] | None:
+    """The arrays of an earlier parse; None where there are none, or a damaged file, which is written anew."""
+    try:
+        with np.load(cached, allow_pickle=False) as file:
+            return {key: file[key] for key in file.files}
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error):
+        return None
 
 
 def parsed_name(sha256: str) -> str:

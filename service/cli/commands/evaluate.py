@@ -250,6 +250,6 @@ def parse_settings(pairs: list[str]) -> dict[str, Any]:
             raise InvalidInputError(f"--set '{pair}': expected key=value")
         try:
             settings[key] = _WORDS[value] if value in _WORDS else ast.literal_eval(value)
-        except (ValueError, SyntaxError):
+        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):  # whatever a literal's parser raises
             settings[key] = value
     return settings

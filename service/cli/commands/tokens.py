@@ -28,7 +28,9 @@ Url = Annotated[str | None, typer.Option("--database", help="URL of the service'
 def create(
     owner: Annotated[str, typer.Option(help="Owner of the token; other owners cannot change what it submits.")],
     role: Annotated[Role, typer.Option(help="Permissions of the token.")] = Role.SUBMITTER,
-    days: Annotated[float | None, typer.Option(min=0.001, help="Days until it expires; default: never.")] = None,
+    days: Annotated[
+        float | None, typer.Option(min=0.001, max=36_500, help="Days until it expires; default: never.")
+    ] = None,
     data: Data = None,
     database: Url = None,
     json: Json = False,

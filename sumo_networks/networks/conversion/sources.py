@@ -17,6 +17,7 @@ PACKED = (".gz", ".bz2")
 PBF = ".pbf"
 TITLES: dict[Kind, str] = {"net": "a SUMO net", "osm": "OpenStreetMap", "xodr": "OpenDRIVE"}
 _WAYS = ("highway", "railway")
+_NODE_BYTES, _TAG_BYTES = 13, 16  # of a reference and a tag without its texts, as XML
 
 
 def kind_of(file: Path) -> Kind:
@@ -76,7 +77,11 @@ def _write_roads(file: Path, limit_mb: float, target: Path) -> None:
         ) from error
     try:
         with osmium.BackReferenceWriter(str(target), ref_src=str(file), overwrite=True, remove_tags=False) as writer:
+            least = 0  # bytes that the ways need at least, since the writer writes at its end
             for way in _ways(osmium, file):
+                least += _NODE_BYTES * len(way.nodes) + sum(_TAG_BYTES + len(tag.k) + len(tag.v) for tag in way.tags)
+                if least > limit_mb * 1e6:
+                    refuse_size(file, " unpacked", limit_mb)
                 writer.add(way)
             restrictions = osmium.FileProcessor(str(file), osmium.osm.RELATION)
             for relation in restrictions.with_filter(osmium.filter.TagFilter(("type", "restriction"))):

@@ -14,7 +14,7 @@ from dohyo.evaluation.scores.nuplan.summary import ScoredDrive, summarise_closed
 from dohyo.evaluation.summary import summarise
 from dohyo.service.cli.closed_loop import print_closed_loop
 from dohyo.service.cli.main import main
-from dohyo.service.cli.output import console, print_cells, print_comparison, print_rows
+from dohyo.service.cli.output import console, number, print_cells, print_comparison, print_rows
 from tests.evaluation.builders import ego, episode, lost
 
 WHOLE = [episode(ego(status=Status.PERFECT, progress_m=1000.0), seed=0)]
@@ -102,6 +102,14 @@ def _printed(monkeypatch: pytest.MonkeyPatch, encoding: str, *arguments: str) ->
     assert not ended.value.code
     out.flush()
     return out.buffer.getvalue().decode(encoding)  # type: ignore[attr-defined, no-any-return]
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.0, "0"), (0.00123, "0.00123"), (-0.0001, "-0.0001"), (0.5, "0.50"), (12.34, "12.3"), (123.4, "123")],
+)
+def test_a_small_rate_is_not_shown_as_none(value: float, shown: str) -> None:
+    assert number(value) == shown
 
 
 def test_what_an_output_cannot_encode_is_escaped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
     [
         ("false", False), ("true", True), ("null", None), ("False", False), ("None", None), ("3", 3), ("1e-3", 1e-3),
         ("[1, 2]", [1, 2]), ("rule", "rule"), ("'true'", "true"), ("out/a.onnx", "out/a.onnx"), ("", ""),
+        ("{[1]: 2}", "{[1]: 2}"), ("-" * 100_000 + "1", "-" * 100_000 + "1"),
     ],
 )  # fmt: skip
 def test_a_setting_is_a_word_of_json_a_literal_or_text(word: str, value: Any) -> None:

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
+from dohyo.sumo_networks.networks import importing
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.conversion.source_file import ImportOptions
 from dohyo.sumo_networks.networks.entries import CATALOG, network_entry, network_names, network_path
@@ -318,6 +319,43 @@ def test_the_size_limit_holds_packed_and_unpacked(tmp_path: Path, home: Path) ->
         with pytest.raises(InvalidInputError, match=r"larger.* than 2 MB; an import may allow more with --limit-mb"):
             import_network(path, "bad", ImportOptions(limit_mb=2))
     assert written(home) == []
+
+
+def test_a_pbf_that_unpacks_to_more_than_the_limit_is_refused_before_it_is_written(tmp_path: Path, home: Path) -> None:
+    osmium = pytest.importorskip("osmium")
+    packed = tmp_path / "bomb.osm.pbf"
+    with osmium.SimpleWriter(str(packed), overwrite=True) as writer:
+        writer.add_node(osmium.osm.mutable.Node(id=1, location=(13.0, 52.0), version=1))
+        for way in range(100):
+            writer.add_way(osmium.osm.mutable.Way(id=way + 1, nodes=[1] * 2000, tags={"highway": "service"}, version=1))
+    assert packed.stat().st_size < 100_000
+    with pytest.raises(InvalidInputError, match=r"unpacked than 1 MB"):
+        import_network(packed, "bad", ImportOptions(limit_mb=1))
+    assert written(home) == []
+
+
+def test_a_name_and_a_licence_beyond_16_bits_can_be_read_again(osm: Path) -> None:
+    """TOML has no pairs of halves for a character, as JSON has; before, the published network was broken."""
+    osm = osm.rename(osm.with_name("kreuzung \U0001f600 é.osm"))
+    import_network(osm, "crossroads", ImportOptions(licence="\U00020000 \\ud83d"))
+    entry = network_entry("crossroads")
+    assert (entry.source, entry.licence) == (osm.name, "\U00020000 \\ud83d")
+
+
+def test_an_interrupted_replacement_leaves_the_network_that_was_there(
+    osm: Path, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import_network(osm, "crossroads")
+    there = written(home)
+
+    def interrupted(source: Path, target: Path) -> None:
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(importing.os, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        import_network(osm, "crossroads", force=True)
+    assert written(home) == there
 
 
 def test_files_that_are_not_there(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import gzip
+import io
 import math
 import re
 from pathlib import Path
@@ -97,6 +98,19 @@ def test_arrays_from_the_cache_equal_a_fresh_parse(tmp_path: Path, monkeypatch: 
             found = getattr(getattr(network, group), field)
             assert found.dtype == expected.dtype, key
             np.testing.assert_array_equal(found, expected, err_msg=key)
+
+
+@pytest.mark.parametrize("keep", [0, 2000, -10])
+def test_a_damaged_cache_is_written_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep: int) -> None:
+    monkeypatch.setenv("DOHYO_CACHE", str(tmp_path))
+    path = straight_road().network.path
+    fresh = read_network(path, "road")
+    (cached,) = (tmp_path / "networks").glob("*.npz")
+    whole = cached.read_bytes()
+    cached.write_bytes(whole[:keep])
+    np.testing.assert_array_equal(read_network(path, "road").lanes.length, fresh.lanes.length)
+    with np.load(cached) as again, np.load(io.BytesIO(whole)) as before:
+        assert again.files == before.files
 
 
 def test_a_changed_file_is_parsed_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,8 @@ def test_seeds_are_numbers_and_ranges() -> None:
         ("3-1", "expected the smaller number first, got '3-1'"),
         ("0-2,1", "expected every seed once, got 1 twice"),
         ("2147483648", "expected numbers below 2^31, got 2147483648"),
+        ("0-2147483647", "expected at most 1,000,000 seeds"),
+        ("9" * 5000, "expected numbers such as"),
         ("one", "expected numbers such as 0,1,2 or 0-4, got 'one'"),
     ],
 )
