@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from typing import Final
 
 from dohyo.agents.parking.study.arms import ARMS, REACHED
 from dohyo.agents.parking.study.judging import LOTS
-from dohyo.agents.studies.claims import Claim, of_ablation
+from dohyo.agents.studies.claims import Claim, Judgement, holm, judge_rows, of_ablation, verdict
 from dohyo.agents.studies.crossed_bootstrap import Matched
 from dohyo.agents.studies.rows import Row, by_arm, grouped, matched
-from dohyo.agents.studies.study import Results, judging
+from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import claims_section, mean_of
 from dohyo.evaluation.report.style import MISSING, markdown
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
@@ -63,7 +66,7 @@ CLAIMS: Final = (
 def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
     """Values by block of lots; steps to the threshold are one value of each training.
 
-    A training that never reaches it counts with all of its steps, a lower bound.
+    A training that never reaches it counts with all of its steps, a lower bound; see `_by_ranks`.
     """
     if measure != STEPS:
         return matched(rows, arm, measure)
@@ -71,7 +74,54 @@ def _values(rows: Iterable[Row], arm: str, measure: str) -> Matched:
     return {(STEPS,): {row["training_seed"]: float(row[STEPS] or row["steps"]) for row in own}}
 
 
-judged = judging(CLAIMS, values=_values)
+def judged(results: Results) -> list[Judgement]:
+    """Judges all claims together; those on steps that a training never reached by ranks."""
+    found = [_by_ranks(one, results.kept) for one in judge_rows(CLAIMS, results.rows, values=_values)]
+    return [
+        replace(one, adjusted=p, verdict=verdict(one.claim.relation, one.difference.mean or 0.0, p))
+        for one, p in zip(found, holm([one.p for one in found]), strict=True)
+    ]
+
+
+def _by_ranks(one: Judgement, rows: Iterable[Row]) -> Judgement:
+    """Judgement by the order in which trainings reach the threshold, where one never does; else as it is.
+
+    Such a training has no number of steps: its bound says nothing of the spread, on which a t-test rests. Within the
+    steps that all of them took, trainings that have not reached it are equal. The difference is a bound without an
+    interval; it is none where trainings of both arms never reach it.
+    """
+    claim = one.claim
+    if claim.measure != STEPS:
+        return one
+    there = grouped((row for row in rows if row["benchmark"] == claim.where), "arm")
+    arms = [{row["training_seed"]: row for row in there[arm]}.values() for arm in (claim.left, claim.right)]
+    never = [any(row[STEPS] is None for row in arm) for arm in arms]
+    if not any(never):
+        return one
+    shortest = min(row["steps"] for arm in arms for row in arm)
+    reached = [[row[STEPS] or math.inf for row in arm] for arm in arms]
+    left, right = ([at if at <= shortest else math.inf for at in arm] for arm in reached)
+    bound = "no bound" if all(never) else "at least" if never[0] else "at most"
+    return replace(
+        one,
+        claim=replace(claim, told=f"{claim} ({bound}: not all trainings reach it)"),
+        difference=Estimate(one.difference.mean, None, None, one.difference.n),
+        p=1.0 if one.few_trainings else rank_test(left, right),
+    )
+
+
+def rank_test(left: Sequence[float], right: Sequence[float]) -> float:
+    """Two-sided p-value of the order of two samples: the share of all divisions whose rank sums are as far apart.
+
+    Source: Wilcoxon 1945, exact, with mean ranks of equal values.
+    """
+    pooled = [*left, *right]
+    ranks = [sum(other < one for other in pooled) + sum(other == one for other in pooled) / 2 for one in pooled]
+    middle = len(left) * sum(ranks) / len(ranks)
+    far = [abs(sum(some) - middle) for some in combinations(ranks, len(left))]
+    return sum(one >= abs(sum(ranks[: len(left)]) - middle) - 1e-9 for one in far) / len(far)
+
+
 claims = claims_section(judged, ("claim", "measure"))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from dohyo.agents.parking.study import judging
 from dohyo.agents.parking.study.arms import ARMS, EXPERT
 from dohyo.agents.parking.study.judging import judged
 from dohyo.agents.parking.study.study import Options, cells, training_facts, work
-from dohyo.agents.parking.study.tables import arms_table, claims
+from dohyo.agents.parking.study.tables import arms_table, claims, rank_test
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.study import Results
 from dohyo.sumo_networks.errors import SimulationError
@@ -62,18 +63,46 @@ def test_tables_say_what_is_unfinished_and_judge_directions():
     assert "reproduced" in verdict
 
 
-def test_a_training_that_never_reaches_the_threshold_counts_with_all_its_steps():
-    place = {"benchmark": "parking-simple, reached"}
-    reached = {"simple-ppo": (300, 320, 310), "simple-poca": (None, 900, None)}
+def steps_verdict(claim, **reached):
     rows = [
-        row(arm, training, block, 99.0, threshold_steps=steps, **place)
+        row(arm.replace("_", "-"), training, block, 99.0, threshold_steps=steps, benchmark="parking-simple, reached")
         for arm, ends in reached.items()
         for training, steps in enumerate(ends)
         for block in range(8)
     ]
-    (verdict,) = [line for line in claims(Results(rows, {})).splitlines() if "simple-ppo < simple-poca" in line]
-    assert "-657" in verdict
-    assert "n=3" in verdict
+    (line,) = [line for line in claims(Results(rows, {})).splitlines() if line.startswith(f"| {claim}")]
+    return line.strip("| ").split(" | ")
+
+
+def test_a_training_that_never_reaches_the_threshold_counts_with_all_its_steps():
+    told = steps_verdict(
+        "simple-ppo < simple-poca", simple_ppo=(300, 320, 310), simple_poca=(None, 900, None)
+    )  # all take 1,000
+    assert told[0] == "simple-ppo < simple-poca (at most: not all trainings reach it)"
+    assert told[2] == "-657 n=3"
+
+
+def test_trainings_that_never_reach_the_threshold_show_no_spread_that_proves_anything():
+    never, reached = (None, None, None), (310, 300, 305)
+    (claim, _, difference, p, said) = steps_verdict("simple-sac > simple-poca", simple_sac=never, simple_poca=reached)
+    assert claim == "simple-sac > simple-poca (at least: not all trainings reach it)"
+    assert (difference, p, said) == ("695 n=3", "0.20", "not resolved")  # 0.1, of two claims
+    both = steps_verdict("simple-sac > simple-poca", simple_sac=never, simple_poca=(None, 300, None))
+    assert both[0].endswith("(no bound: not all trainings reach it)")
+    assert both[4] == "not resolved"
+
+
+def test_steps_that_all_trainings_reached_are_judged_by_their_differences():
+    told = steps_verdict("simple-sac > simple-poca", simple_sac=(902, 900, 901), simple_poca=(303, 302, 301))
+    assert told[0] == "simple-sac > simple-poca"
+    assert told[4] == "reproduced"
+
+
+def test_the_order_of_two_samples_has_the_exact_p_value():
+    assert rank_test([4, 5, 6], [1, 2, 3]) == pytest.approx(2 / 20)
+    assert rank_test([1, 2, 3, 4], [5, 6, 7, math.inf]) == pytest.approx(2 / 70)
+    assert rank_test([math.inf] * 3, [math.inf] * 3) == 1.0
+    assert rank_test([2], [1, 3]) == 1.0
 
 
 def aligned_cell(rows):
