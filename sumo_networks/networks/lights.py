@@ -22,13 +22,13 @@ def longest_phases(network: RoadNetwork) -> dict[str, float]:
             light = attributes.get("id", "")
             longest.setdefault(light, 0.0)
         elif tag == "phase":
-            longest[light] = max(longest.get(light, 0.0), _seconds(attributes.get("duration", "0")))
+            longest[light] = max(longest.get(light, 0.0), duration_s(attributes.get("duration", "0")))
 
     read_elements(network.path, element)
     return longest
 
 
-def _seconds(duration: str) -> float:
+def duration_s(duration: str) -> float:
     """A duration as SUMO reads it: seconds, or [days:]hours:minutes:seconds; 0 for what is none."""
     *larger, seconds = duration.split(":")
     try:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from dohyo.sumo_networks.networks.lights import duration_s
+
 _GREEN = "Gg"
+_CLOCK = re.compile(r"\d+(:\d+)+(\.\d*)?")  # [days:]hours:minutes:seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +34,7 @@ class SignalProgram:
     @property
     def cycle_s(self) -> float:
         """Sum of the phases' durations, s."""
-        return sum(float(phase.get("duration", 0.0)) for phase in self.phases)
+        return sum(duration_s(phase.get("duration", "0")) for phase in self.phases)
 
     @property
     def links(self) -> int:
@@ -44,7 +48,7 @@ class SignalProgram:
     def shortest_green_s(self, link: int) -> float:
         """Least time for which a link stays green, s; infinite if it always is, or never."""
         greens = [phase.get("state", "")[link : link + 1] in tuple(_GREEN) for phase in self.phases]
-        least = [float(phase.get("minDur", phase.get("duration", 0.0))) for phase in self.phases]
+        least = [duration_s(phase.get("minDur", phase.get("duration", "0"))) for phase in self.phases]
         if all(greens) or not any(greens):
             return float("inf")
         first = greens.index(False)
@@ -77,7 +81,9 @@ def read_programs(net: Path) -> Programs:
 
 
 def _plain(value: str) -> str:
-    """An attribute's value; a number in one spelling, such as 3 for 3.00."""
+    """An attribute's value; a number in one spelling, such as 3 for 3.00 and for 0:0:3."""
+    if _CLOCK.fullmatch(value):
+        return f"{duration_s(value):g}"
     with suppress(ValueError):
         return f"{float(value):g}"
     return value

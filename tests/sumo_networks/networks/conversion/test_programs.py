@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,11 @@ def test_programs_that_stay_are_not_mentioned(tmp_path: Path) -> None:
     assert changes(import_network(walked, "walked").report.guessed) == []
     assert describe_changes(read_programs(walked), read_programs(walked)) == []
     assert changes(import_network(walked, "again", ImportOptions(lights=True)).report.guessed) == []
+    walked.write_text(text.replace('duration="5"', 'duration="0:0:5"'))
+    assert changes(import_network(walked, "clock").report.guessed) == []
+    assert {program.cycle_s for program in read_programs(walked).values()} == {
+        sum(map(float, re.findall(r'<phase duration="(\d+)"', text)))
+    }
 
 
 def test_the_shortest_green_of_a_link_goes_over_phases_and_the_end_of_the_cycle() -> None:
