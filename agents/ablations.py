@@ -117,7 +117,7 @@ _HEAD: Final = """# What holds of three theses
 
 The theses compare their systems in twenty-nine ablations. They are repeated here in SUMO, on drives, lots and days that no arm was trained on. {counts}
 
-A claim is *reproduced* or *contradicted* if its paired differences are significant over scenarios and trainings. The level is 5 %, after Holm's correction over all claims of its study. With three trainings it is a rough one. Of simulated lists of fourteen claims without any difference 2 % had a false verdict where trainings do not differ. Where they differ as much as scenarios do, 22 % had one. Verdicts of three trainings with a p just below 0.05 are thus weak. Intervals are not corrected. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm.
+A claim is *reproduced* or *contradicted* if its paired differences are significant over scenarios and trainings. The level is 5 %, after Holm's correction over all claims of its study. With three trainings it is a rough one. Of simulated lists of fourteen claims without any difference 2 % had a false verdict where trainings do not differ. Where they differ as much as scenarios do, 22 % had one. Verdicts of three trainings with a p just below 0.05 are thus weak. Intervals are not corrected. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm or six scenarios.
 
 This page is made from stored rows: `python -m dohyo.agents.ablations --out docs/ablations.md`."""  # noqa: E501
 
@@ -180,8 +180,7 @@ def _where(one: Judgement) -> str:
 
 
 def _p(one: Judgement) -> str:
-    count = len(one.trainings)
-    return f"{MISSING} ({count} training{'s' * (count > 1)})" if one.few_trainings else probability(one.adjusted)
+    return f"{MISSING} ({one.too_few})" if one.too_few else probability(one.adjusted)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

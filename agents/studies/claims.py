@@ -7,7 +7,8 @@ these differ, see there. A list of twenty claims without correction has a false 
 
 A claim about trained arms with fewer than three trainings is not resolved, as scenarios of one training say nothing
 about other seeds. It counts in the correction with a p-value of 1, so that it makes no other claim easier. Arms without
-training, such as rules, experts and planners, need none.
+training, such as rules, experts and planners, need none. Nor can any data resolve a claim of fewer than six scenarios:
+of the signs of five, 2 of 32 are as far. It counts in the correction, too: no list is changed after a look at results.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Final, Literal
 
 from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, p_value
 from dohyo.agents.studies.rows import Row, is_lost, matched
+from dohyo.evaluation.significance import FEWEST
 from dohyo.evaluation.statistics import Estimate
 
 LEVEL: Final = 0.05
@@ -74,6 +76,7 @@ class Judgement:
         p: Two-sided p-value; 1 with too few trainings.
         adjusted: The same after Holm's correction over the list.
         verdict: Of the corrected p-value.
+        scenarios: Number of scenarios that both arms drove.
     """
 
     claim: Claim
@@ -82,11 +85,21 @@ class Judgement:
     p: float
     adjusted: float
     verdict: Verdict
+    scenarios: int
 
     @property
     def few_trainings(self) -> bool:
         """Whether the arms have too few trainings for a verdict."""
         return _has_few(self.trainings)
+
+    @property
+    def too_few(self) -> str:
+        """What no data of so many could resolve, such as "2 trainings" or "4 scenarios"; empty: they are enough."""
+        if self.few_trainings:
+            return _counted(len(self.trainings), "training")
+        # A single scenario, such as a return of the training itself, is judged over trainings.
+        needed = FEWEST if self.scenarios > 1 or len(self.trainings) == 1 else 1
+        return _counted(self.scenarios, "scenario") if self.scenarios < needed else ""
 
 
 def judge_rows(
@@ -134,13 +147,17 @@ def judge(
     for (claim, differences), of, p, adjusted in zip(pairs, means, p_values, holm(p_values), strict=True):
         found = interval(differences)
         said = verdict(claim.relation, found.mean or 0.0, adjusted)
-        judged.append(Judgement(claim, found, of, p, adjusted, said))
+        judged.append(Judgement(claim, found, of, p, adjusted, said, len(differences)))
     return judged
 
 
 def _has_few(trainings: Mapping[int | None, float]) -> bool:
     """Whether something was trained, but too few times; values without a training have the seed None."""
     return 0 < len(trainings.keys() - {None}) < ENOUGH_TRAININGS
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def verdict(relation: Relation, mean: float, adjusted: float) -> Verdict:

@@ -77,10 +77,9 @@ def claims_table(
 
 
 def _verdict_cells(one: Judgement) -> tuple[str, str]:
-    """Corrected p-value and verdict; with too few trainings, their number in place of a test."""
-    count = len(one.trainings)
-    if one.few_trainings:
-        return MISSING, f"{one.verdict}: {count} training{'s' * (count > 1)}"
+    """Corrected p-value and verdict; with too few trainings or scenarios, their number in place of a test."""
+    if one.too_few:
+        return MISSING, f"{one.verdict}: {one.too_few}"
     return probability(one.adjusted), one.verdict
 
 

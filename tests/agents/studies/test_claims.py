@@ -110,6 +110,34 @@ def test_a_verdict_on_trained_arms_needs_three_trainings(left, right, resolved):
     assert one.few_trainings is (one.p == 1.0) is (not resolved)
 
 
+@pytest.mark.parametrize(
+    ("scenarios", "seeds", "told"),
+    [
+        (4, range(3), "4 scenarios"),
+        (5, [None], "5 scenarios"),
+        (6, range(3), ""),
+        (1, [None], "1 scenario"),
+        (1, range(5), ""),  # a return of the training itself, judged over trainings
+        (4, range(2), "2 trainings"),
+    ],
+)
+def test_a_claim_of_fewer_than_six_scenarios_says_that_it_cannot_be_resolved(scenarios, seeds, told):
+    some = {(f"m{i}",): {seed: 50.0 + i + 0.1 * (seed or 0) for seed in seeds} for i in range(scenarios)}
+    zero = {key: dict.fromkeys(seeds, 0.0) for key in some}
+    (one,) = judge([Claim("a", ">", "b", "score")], arms(a=some, b=zero))
+    assert one.too_few == told
+    assert (one.verdict == "not resolved") is bool(told)
+
+
+def test_claims_of_few_scenarios_stay_in_the_list_of_the_correction():
+    generator = np.random.default_rng(3)
+    near, zero = pairs(*generator.normal(0.45, 1.0, 30)), pairs(*[0.0] * 30)
+    claims = [Claim("near", ">", "zero", "score"), *[Claim("few", ">", "zero", "score")] * 9]
+    alone, *rest = judge(claims, arms(near=near, zero=zero, few=pairs(9.0, 8.0, 7.0, 6.0)))
+    assert alone.adjusted == pytest.approx(min(1.0, 10 * alone.p))
+    assert {(one.p, one.verdict) for one in rest} == {(0.125, "not resolved")}
+
+
 def test_claims_of_few_trainings_make_no_other_claim_easier():
     generator = np.random.default_rng(3)
     near, zero = pairs(*generator.normal(0.45, 1.0, 30)), pairs(*[0.0] * 30)

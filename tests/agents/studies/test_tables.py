@@ -68,6 +68,13 @@ def test_a_claim_of_few_trainings_is_not_resolved_and_says_why() -> None:
     assert table((None,)) == f"| a > b | +8 | {difference} n=20 | < 0.001 | reproduced |"
 
 
+def test_a_claim_of_few_scenarios_says_that_nothing_could_resolve_it() -> None:
+    rows = {arm: {(f"m{i}",): dict.fromkeys(range(3), base) for i in range(4)} for arm, base in (("a", 9), ("b", 1))}
+    judged = judge([Claim("a", ">", "b", "score")], lambda claim, arm: rows[arm])
+    line = claims_table(judged, ("claim",)).splitlines()[-1]
+    assert line.endswith("| — | not resolved: 4 scenarios |")
+
+
 def test_p_values_have_two_digits_that_count() -> None:
     assert [probability(p) for p in (0.0004, 0.001, 0.0496, 0.1, 1.0)] == ["< 0.001", "0.001", "0.050", "0.10", "1.00"]
 
