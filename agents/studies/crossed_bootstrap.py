@@ -1,5 +1,8 @@
 """Crossed bootstrap: means over scenarios and trainings, where each training drove each scenario.
 
+Lost drives are holes, and the mean is over what is there. Where a training drove more scenarios than others, take those
+of `common`: a resample that does not draw that training would be a mean over other scenarios.
+
 An interval is over both: a crossed bootstrap, in which the scenarios and the seeds of the training are both drawn with
 replacement, each value counting as often as its scenario times its training was drawn (the pigeonhole bootstrap; Owen
 2007). With one training, the values count as independent. If all values are equal, resampling gives no interval, and
@@ -139,6 +142,12 @@ def difference(mine: Matched, other: Matched) -> Matched:
             if a is not None and b is not None:
                 found.setdefault(key, {})[seed] = a - b
     return found
+
+
+def common(matched: Matched) -> Matched:
+    """Values of the scenarios that all trainings drove."""
+    trainings = {*_trainings(matched)}
+    return {key: row for key, row in matched.items() if row.keys() == trainings}
 
 
 def by_training(matched: Matched) -> dict[int | None, float]:

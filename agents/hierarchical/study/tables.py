@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Final
 
 from dohyo.agents.studies.claims import Claim, Judgement, judge_rows
-from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, difference, estimate, of_shares
+from dohyo.agents.studies.crossed_bootstrap import Matched, by_training, common, difference, estimate, of_shares
 from dohyo.agents.studies.rows import Row, by_arm, by_place, grouped, is_lost, matched
 from dohyo.agents.studies.study import Results
 from dohyo.agents.studies.tables import COLUMNS, claims_table
@@ -82,8 +82,10 @@ def tables(rows: Sequence[Row], arms: Sequence[str]) -> str:
 def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
     """A row per cell, or per kind of event, and two per benchmark; each training in parentheses.
 
-    Beside a benchmark's success stands its lawful success, of drives that ran no red light or stop sign. The last row
-    is the thesis's success of long drives, 2500 m without a collision, if routes are so long.
+    A row is over the scenarios that all trainings of an arm drove; a row of all cells over those that all of its arms
+    drove, too. A training that drove more has a row of its own below. Beside a benchmark's success stands its lawful
+    success, of drives that ran no red light or stop sign. The last row is the thesis's success of long drives, 2500 m
+    without a collision, if routes are so long.
     """
     lines: list[tuple[str, Sequence[Row], str, bool]] = []
     for benchmark, some in grouped(rows, "benchmark").items():
@@ -99,11 +101,29 @@ def success_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
         lines.append(("all", rows, "success", True))
     if long := [row for row in rows if row.get("drove_2500m") is not None]:
         lines.append(("2500 m before any collision", long, "drove_2500m", True))
-    cells = [
-        [name, *(_success([row for row in some if row["arm"] == arm], measure, each) for arm in arms)]
-        for name, some, measure, each in lines
-    ]
+    cells = [row for name, some, measure, pooled in lines for row in _success_rows(name, some, arms, measure, pooled)]
     return markdown(["NoCrash success, %", *arms], cells)
+
+
+def _success_rows(
+    name: str, rows: Sequence[Row], arms: Sequence[str], measure: str, pooled: bool
+) -> Iterator[Sequence[str]]:
+    """Row of what all trainings drove, and one of each training that drove more; without a mean it is left out."""
+    found = {arm: percent(rows, arm, measure) for arm in arms}
+    even = {arm: common(values) for arm, values in found.items()}
+    if pooled:
+        shared = frozenset[tuple[Any, ...]].intersection(*(frozenset(some) for some in even.values() if some))
+        even = {arm: {key: row for key, row in some.items() if key in shared} for arm, some in even.items()}
+    if any(even.values()):
+        yield [name, *(_success(even[arm], pooled) for arm in arms)]
+    whole: dict[int | None, dict[str, Matched]] = {}
+    for arm, values in found.items():
+        counts = Counter(seed for row in values.values() for seed in row)
+        for seed, count in counts.items():
+            if count > len(common(values)):
+                whole.setdefault(seed, {})[arm] = {key: {seed: row[seed]} for key, row in values.items() if seed in row}
+    for seed, own in whole.items():
+        yield [f"{name}: all drives of training {seed}", *(_success(own.get(arm, {}), pooled) for arm in arms)]
 
 
 def failure_table(rows: Sequence[Row], arms: Sequence[str]) -> str:
@@ -177,8 +197,7 @@ def failures(rows: Iterable[Row]) -> Counter[str]:
     return found
 
 
-def _success(rows: Sequence[Row], measure: str, each: bool) -> str:
-    values = percent(rows, rows[0]["arm"], measure) if rows else {}
+def _success(values: Matched, each: bool) -> str:
     if not values:
         return MISSING
     trainings = by_training(values)

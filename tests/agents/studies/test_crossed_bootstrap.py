@@ -45,6 +45,12 @@ def test_a_mean_is_over_the_drives_that_are_there():
     assert np.isfinite(crossed_bootstrap._crossed(table, 500)).all()
 
 
+def test_common_values_are_those_of_the_scenarios_that_all_trainings_drove():
+    assert crossed_bootstrap.common({("a",): {0: 3.0, 1: 5.0}, ("b",): {0: 1.0}}) == {("a",): {0: 3.0, 1: 5.0}}
+    assert crossed_bootstrap.common({("a",): {None: 3.0}}) == {("a",): {None: 3.0}}
+    assert crossed_bootstrap.common({}) == {}
+
+
 def test_differences_are_of_what_both_drove_by_training_and_who_did_not_learn_meets_all():
     ours = {("a",): {0: 3.0, 1: 5.0}, ("b",): {0: 1.0}}
     theirs = {("a",): {1: 1.0, 2: 9.0}, ("c",): {0: 4.0}}

@@ -53,13 +53,32 @@ def test_the_success_table_has_a_row_per_cell_or_kind_of_event_and_arms_in_order
     ]
     table = tables.success_table(drives, ["rules", "ghrl"])
     assert table.splitlines()[0] == "| NoCrash success, % | rules | ghrl |"
-    first, second, every = rows(table)
+    first, second = rows(table)  # none over all: the two arms have no scenario in common
     assert first[:2] == ["precrash: oncoming", "\N{EM DASH}"]
     assert first[2].startswith("50.0 [")
     assert first[2].endswith("n=8")
     assert second == ["nocrash: town.empty", "100 [34.2, 100] n=2", "\N{EM DASH}"]
-    assert every[0] == "all"
-    assert every[2].endswith("n=8 (50, 50)")
+
+
+def test_rows_compare_the_scenarios_that_all_trainings_drove_and_all_arms_where_they_are_of_all_cells():
+    hard, easy = [1, 0] * 4, [1] * 90
+    drives = [
+        *drives_of("ghrl-r", dict.fromkeys(range(3), hard), cell="dense"),
+        *drives_of("ghrl-r", {0: easy}, cell="empty"),  # only training 0
+        *drives_of("ghrl", dict.fromkeys(range(3), hard), cell="dense"),
+        *drives_of("rules", {None: hard[:6]}, cell="dense"),
+    ]
+    found = {name: told for name, *told in rows(tables.success_table(drives, ["ghrl-r", "ghrl", "rules"]))}
+    dense, whole = found["precrash, all"], found["precrash, all: all drives of training 0"]
+    assert dense[0] == dense[1]  # as the arms do not differ
+    assert dense[0].endswith("n=18 (50, 50, 50)")  # the rules drove six scenarios
+    assert dense[2].startswith("50.0 [")
+    assert whole[0].startswith("95.9 [")
+    assert whole[0].endswith("n=98")
+    assert whole[1:] == ["\N{EM DASH}"] * 2
+    assert found["precrash: dense"][0].endswith("n=24")
+    assert found["precrash: empty"][0].endswith("n=90")
+    assert len(found) == 4
 
 
 def test_long_drives_are_told_by_2500_m_before_any_collision():
