@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, TypeVar
 
-from dohyo.agents.studies.claims import Judgement
+from dohyo.agents.studies.claims import LEVEL, Judgement
 from dohyo.agents.studies.crossed_bootstrap import estimate
 from dohyo.agents.studies.rows import Row, matched
 from dohyo.evaluation.report.style import MISSING, interval, markdown, number
@@ -104,7 +104,9 @@ def mean_of(
 
 
 def probability(p: float) -> str:
-    """A p-value to two digits."""
+    """A p-value to two digits; to one more where it is below the level and would be rounded to it."""
+    if 0.0495 <= p < LEVEL:
+        return f"{min(p, 0.0499):.4f}"
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 

@@ -76,7 +76,12 @@ def test_a_claim_of_few_scenarios_says_that_nothing_could_resolve_it() -> None:
 
 
 def test_p_values_have_two_digits_that_count() -> None:
-    assert [probability(p) for p in (0.0004, 0.001, 0.0496, 0.1, 1.0)] == ["< 0.001", "0.001", "0.050", "0.10", "1.00"]
+    assert [probability(p) for p in (0.0004, 0.001, 0.0494, 0.1, 1.0)] == ["< 0.001", "0.001", "0.049", "0.10", "1.00"]
+
+
+def test_a_p_value_below_the_level_is_not_told_as_the_level() -> None:
+    told = [probability(p) for p in (0.0495, 0.0498046875, 0.04999, 0.05, 0.0504)]
+    assert told == ["0.0495", "0.0498", "0.0499", "0.050", "0.050"]
 
 
 @pytest.mark.parametrize("action", ["table", "figures"])
