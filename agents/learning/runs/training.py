@@ -14,6 +14,7 @@ from tensordict import TensorDict
 from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.explorers import Explorers
 from dohyo.agents.learning.experience.ray_worker import RayWorker, connect_to
+from dohyo.agents.learning.files.card import WEIGHTS, read_card, weights_of
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.files.metrics import Number
 from dohyo.agents.learning.files.report import Report, Reporter, no_report
@@ -243,7 +244,25 @@ class _Session:
         self._collector.restore(state["collector"])
         self._learner.restore(state["learner"])
         self._last, self._best = state["last"], state["best"]
+        self._put_back(state.get("best_files"))
+        self._write_result(finished=False)
         restore_random_state(state["random"])  # last: the calls above draw from it
+
+    def _put_back(self, files: Mapping[str, torch.Tensor] | None) -> None:
+        """Puts back the policies that a checkpoint knows where the folder has those of later steps.
+
+        The later steps may not come again: the run may have fewer of them now, or another machine.
+        """
+        folder, steps = self._run.folder, self._collector.steps
+        if not _has_model(folder, "best", self._best.get("steps")):
+            for name, content in (files or {}).items():
+                write_atomically(folder / name, content.numpy().tobytes())
+            if files:
+                self._write_card("best", self._best)
+            elif steps < self._run.config.steps:  # a checkpoint of dohyo 0.2.0 has no files
+                self._best = {}  # the policy of the next evaluation is the best
+        if steps == self._last.get("steps") and not _has_model(folder, "policy", steps):
+            self._ship(best=False)
 
     def _round(self, report: Reporter) -> None:
         run, began, before = self._run, self._run.wall_s, self._collector.steps
@@ -278,13 +297,16 @@ class _Session:
 
     def _ship(self, best: bool) -> None:
         """Writes the policy of the last evaluation as `policy`, and as `best` where none was better, with cards."""
-        folder, metrics = self._run.folder, {name: value for name, value in self._last.items() if name != "steps"}
-        spaces = named(self._task.observation_space), self._task.action_space
+        folder, spaces = self._run.folder, (named(self._task.observation_space), self._task.action_space)
         export_exact(self._learner.policy, spaces, folder / "policy", self._facts(self._last))
-        for suffix in (".onnx", ".safetensors") if best else ():
+        for suffix in WEIGHTS if best else ():
             write_atomically(folder / f"best{suffix}", (folder / f"policy{suffix}").read_bytes())
         for model in ("policy", "best") if best else ("policy",):
-            self._run.write_card(model, self._task.name, self._collector.steps, metrics)
+            self._write_card(model, self._last)
+
+    def _write_card(self, model: str, evaluation: Mapping[str, Number]) -> None:
+        metrics = {name: value for name, value in evaluation.items() if name != "steps"}
+        self._run.write_card(model, self._task.name, int(evaluation["steps"] or 0), metrics)
 
     def _save(self) -> None:
         self._saved = self._collector.steps
@@ -295,9 +317,16 @@ class _Session:
                 "learner": self._learner.state(),
                 "last": self._last,
                 "best": self._best,
+                "best_files": self._best_files(),
                 "random": random_state(),
             },
         )
+
+    def _best_files(self) -> dict[str, torch.Tensor]:
+        """Bytes of the best policy's files, by name; none where somebody has removed or replaced them."""
+        folder = self._run.folder
+        names = weights_of(folder, "best") if _has_model(folder, "best", self._best.get("steps")) else ()
+        return {name: torch.frombuffer(bytearray((folder / name).read_bytes()), dtype=torch.uint8) for name in names}
 
     def _stopped(self) -> RunStoppedError:
         kept = f"the checkpoint of step {self._saved}" if self._saved else "step 0, since there is no checkpoint yet"
@@ -332,3 +361,11 @@ class _Session:
                 "best": self._best,
             },
         )
+
+
+def _has_model(folder: Path, model: str, steps: Number) -> bool:
+    """Whether the files of a model in a folder are those of its card, and have been trained for so many steps."""
+    try:
+        return all(read_card(folder / f"{model}{suffix}").steps == steps for suffix in WEIGHTS)
+    except (InvalidInputError, OSError):
+        return False

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import csv
+import json
 import signal
 import sys
 import time
 from pathlib import Path
 
 import pytest
+import torch
+from safetensors import safe_open
 
 from dohyo.agents.learning.algorithms.ppo import Ppo
-from dohyo.agents.learning.files.report import no_report
+from dohyo.agents.learning.files.card import WEIGHTS, read_card
+from dohyo.agents.learning.files.report import Report, no_report
 from dohyo.agents.learning.runs import training
+from dohyo.agents.learning.runs.evaluation import Evaluation
 from dohyo.agents.learning.runs.run import RunStoppedError
 from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.service.cli import main
@@ -117,3 +122,69 @@ def test_an_evaluation_that_no_checkpoint_knows_of_is_told_once(tmp_path, monkey
     assert evaluated() == ["0", "512"]
     run(resume=True)
     assert evaluated() == ["0", "512", "1024"]
+
+
+class KilledError(Exception):
+    """Ends a training in the midst of a round."""
+
+
+def trained(out: Path, steps: int, killed_at: int | None = None) -> None:
+    """Trains a point with checkpoints every 512 steps, and evaluations every 256."""
+
+    def report(now: Report) -> None:
+        if killed_at is not None and now.steps >= killed_at:
+            raise KilledError
+
+    config = PointConfig(steps=steps, evaluate_every=256, checkpoint_every=512)
+    resume = (out / "config.toml").exists()
+    if killed_at is None:
+        POINT.train(config, TrainRequest("toy", out, resume, report))
+    else:
+        with pytest.raises(KilledError):
+            POINT.train(config, TrainRequest("toy", out, resume, report))
+
+
+def best_of(out: Path) -> int:
+    """Steps of the best policy, by the result, the files and their cards, which agree."""
+    result = json.loads((out / "result.json").read_text())
+    for model, row in (("best", result["best"]), ("policy", result["last"])):
+        for suffix in WEIGHTS:
+            card = read_card(out / f"{model}{suffix}")
+            assert {"steps": card.steps, **card.metrics} == row
+        with safe_open(out / f"{model}.safetensors", "pt") as file:
+            assert file.metadata()["steps"] == str(row["steps"])
+    return int(result["best"]["steps"])
+
+
+def test_the_best_policy_is_of_steps_that_the_run_has(tmp_path):
+    """A run is extended, finds a better policy, is killed, and resumed with the steps that it had first."""
+    out = tmp_path / "run"
+    trained(out, 512)
+    trained(out, 1024, killed_at=896)
+    assert best_of(out) == 768
+    trained(out, 512)
+    with (out / "evaluations.csv").open() as file:
+        returns = {int(row["steps"]): float(row["return"]) for row in csv.DictReader(file)}
+    assert returns[best_of(out)] == max(returns.values())
+
+
+def test_a_better_policy_after_the_checkpoint_is_gone_where_it_does_not_come_again(tmp_path, monkeypatch):
+    """As where another machine resumes, and computes otherwise."""
+    out = tmp_path / "run"
+    trained(out, 1024, killed_at=896)
+    assert best_of(out) == 768
+    monkeypatch.setattr(Evaluation, "better_than", lambda *_: False)
+    trained(out, 640)
+    assert best_of(out) < 512
+
+
+def test_a_checkpoint_without_files_of_the_best_policy_is_resumed(tmp_path):
+    """As those of dohyo 0.2.0."""
+    out = tmp_path / "run"
+    trained(out, 1024, killed_at=896)
+    (checkpoint,) = out.glob("checkpoint-*.pt")
+    state = torch.load(checkpoint, weights_only=True)
+    del state["best_files"]
+    torch.save(state, checkpoint)
+    trained(out, 640)
+    assert best_of(out) in (512, 640)
