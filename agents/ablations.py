@@ -12,7 +12,7 @@ import argparse
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -117,19 +117,28 @@ _HEAD: Final = """# What holds of three theses
 
 The theses compare their systems in twenty-nine ablations. They are repeated here in SUMO, on drives, lots and days that no arm was trained on. {counts}
 
-A claim is *reproduced* or *contradicted* if its paired differences are significant over scenarios and trainings. The level is 5 %, after Holm's correction over all claims of its study. With three trainings it is a rough one. Of simulated lists of fourteen claims without any difference 2 % had a false verdict where trainings do not differ. Where they differ as much as scenarios do, 22 % had one. Verdicts of three trainings with a p just below 0.05 are thus weak. Intervals are not corrected. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm or six scenarios.
+A claim is *reproduced* or *contradicted* if its paired differences are significant over scenarios and trainings. The level is 5 %, after Holm's correction over all claims of its list. A list has all claims of a study; in `ghrl` and `mbappe`, those of one table of the page of results. With three trainings it is a rough one. Of simulated lists of fourteen claims without any difference 2 % had a false verdict where trainings do not differ. Where they differ as much as scenarios do, 22 % had one. Verdicts of three trainings with a p just below 0.05 are thus weak. Intervals are not corrected. It is *not resolved* otherwise, or with fewer than three trainings of a trained arm or six scenarios.
 
 This page is made from stored rows: `python -m dohyo.agents.ablations --out docs/ablations.md`."""  # noqa: E501
 
 
-def _counts(found: Iterable[Decided]) -> str:
+def _counts(found: Sequence[Decided]) -> str:
     claims = Counter(one.verdict for each in found for one in each.judged)
     open_ = sum(not each.judged for each in found)
+    pooled = sum(map(_pooled, found))
     reproduced, contradicted, unresolved = (claims[one] for one in ("reproduced", "contradicted", "not resolved"))
     return (
         f"Of {claims.total()} claims that stored rows judge, {reproduced} are reproduced, {contradicted} contradicted "
-        f"and {unresolved} not resolved. {open_} ablations have no judged claim so far."
+        f"and {unresolved} not resolved. {open_} ablations have no judged claim so far. {pooled} of the claims are "
+        "on all drives together, and counted beside the same claims on parts of them."
     )
+
+
+def _pooled(one: Decided) -> int:
+    """Number of claims on all drives whose comparison is also judged on some of them."""
+    compared = [(replace(each.claim, where="", told=""), each.claim.where) for each in one.judged]
+    parts = {claim for claim, where in compared if where}
+    return sum(claim in parts for claim, where in compared if not where)
 
 
 def _overview(found: Iterable[Decided]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,17 @@ def test_the_page_counts_the_claims_and_names_missing_trainings() -> None:
     assert "judge, 1 are reproduced, 1 contradicted and 0 not resolved. 1 ablations have no" in text
     assert "| a > b | 5.0 | 5.00 [5.00, 5.00] | < 0.001 | reproduced |" in text
     assert "— (1 training) | not resolved |" in page([decided(5.0, trainings=1)])
+
+
+def test_claims_on_all_drives_are_told_to_stand_beside_those_on_parts() -> None:
+    (one,) = judged(5.0)
+    some = [replace(one, claim=replace(one.claim, where=where)) for where in ("", "town", "city")]
+    alone = replace(one, claim=replace(one.claim, measure="other"))
+    every = replace(decided(), judged=[*some, alone])
+    text = page([every, replace(every, judged=[alone])])
+    assert "Of 5 claims" in text
+    assert "1 of the claims are on all drives together, and counted beside the same claims on parts of them." in text
+    assert "over all claims of its list." in text
 
 
 @pytest.mark.slow
