@@ -48,7 +48,7 @@ def sign_flips(differences: FloatArray) -> float:
     if len(changed) <= EXACT:
         return _exact(changed)
     first = float(_drawn(changed[None])[0])
-    return float(_drawn(changed[None], _AGAIN)[0]) if 1 / FLIPS < first < _SMALL else first
+    return float(_drawn(changed[None], _AGAIN)[0]) if first < _SMALL else first
 
 
 def differ(table: FloatArray) -> BoolArray:

@@ -47,6 +47,12 @@ def test_many_differences_are_drawn_near_the_t_test() -> None:
     assert sign_flips(np.full(60, 1.0)) < 1e-4
 
 
+def test_stronger_evidence_has_no_larger_p_value() -> None:
+    values = [sign_flips(np.array([1.0] * (44 - against) + [-1.0] * against)) for against in range(12)]
+    assert values == sorted(values)
+    assert values[0] < 1e-5
+
+
 @pytest.mark.parametrize("count", [0, 1, 4])
 def test_four_scenarios_on_one_side_prove_nothing(count: int) -> None:
     assert sign_flips(np.array([3.0] * count + [0.0] * 9)) == (2.0 ** (1 - count) if count else 1.0)
