@@ -15,6 +15,7 @@ from dohyo.evaluation.records.store import seal, write_record
 from dohyo.evaluation.running.manifest import MANIFEST, RECORDS, manifest_of
 from dohyo.service.cli import app
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.networks.catalog import load_network
 from tests.evaluation.builders import AGENT, drive, ego, episode
 
 QUICK: Benchmark = load_benchmark("quickstart")
@@ -34,7 +35,8 @@ def folder_of(
     for scenario in chosen:
         drives: list[EgoRecord] = [ego(name=one.name, agent=agent, **driven) for one in scenario.missions]  # type: ignore[arg-type]
         made = episode(*drives, benchmark=(benchmark.name, benchmark.sha256))
-        versions = made.versions.model_copy(update={"dohyo": dohyo})
+        roads = {"network_sha256": load_network(scenario.network).sha256} if scenario.reference_m is not None else {}
+        versions = made.versions.model_copy(update={"dohyo": dohyo, **roads})
         made = made.model_copy(update={"scenario": scenario, "versions": versions})
         write_record(folder / RECORDS, f"{scenario.name}-s{scenario.seed}", seal(made), drive())
     names = tuple(scenario.name for scenario in chosen)
