@@ -25,6 +25,7 @@ from dohyo.service.episodes.archive import archived_path, staged_folder
 from dohyo.service.evaluations.model import EpisodeStatus, Evaluation, EvaluationStatus
 from dohyo.service.networks.model import UploadedNetwork
 from dohyo.service.scheduling import attempts
+from dohyo.service.storage.usage import LARGE_RECORD
 from dohyo.service.submissions.model import AgentKind
 from tests.service.conftest import MakeService
 from tests.service.served import ROOT, STEADY, Service, info_of, short, wait_until
@@ -37,8 +38,12 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """A running service for whatever does not kill it; it soon takes a worker for dead."""
-    shared = Service(tmp_path_factory.mktemp("data"), processes=1, lease_ttl_s=8.0, process_deaths=3)
+    """A running service for whatever does not kill it; it soon takes a worker for dead.
+
+    Its owners may keep so little that their bytes are summed before each episode.
+    """
+    settings = {"processes": 1, "lease_ttl_s": 8.0, "process_deaths": 3, "bytes_per_owner": LARGE_RECORD - 1}
+    shared = Service(tmp_path_factory.mktemp("data"), **settings)
     shared.start()
     yield shared
     shared.close()
