@@ -32,7 +32,7 @@ from dohyo.sumo_networks.ego.control import make_control
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.envs.env_rows import Observations
 from dohyo.sumo_networks.envs.local_vector_env import LocalVectorEnv
-from dohyo.sumo_networks.envs.spaces import own_space
+from dohyo.sumo_networks.envs.options import own_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.sensors import Track, make_sensors
 from dohyo.sumo_networks.units import TICK_S

@@ -25,9 +25,9 @@ from dohyo.sumo_networks.envs.options import (
     check_reward,
     check_scenario,
     checked_sensors,
+    own_space,
 )
 from dohyo.sumo_networks.envs.reward import Reward, make_reward
-from dohyo.sumo_networks.envs.spaces import own_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError, UnknownNameError
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.network import RoadNetwork

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
+from gymnasium.spaces import Box
 
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.envs.reward import make_reward
@@ -115,3 +116,12 @@ def check_render_mode(mode: str | None) -> None:
     check_names("render_mode", [mode])
     if mode not in RENDER_MODES:
         raise UnknownNameError("render mode", mode, RENDER_MODES)
+
+
+def own_space(space: Box) -> Box:
+    """A box with the same bounds as that of a chosen sensor or control, and a generator of its own.
+
+    A process shares the boxes of sensors and controls; with one generator, the seed of one environment's space would
+    decide the samples of another's.
+    """
+    return Box(space.low, space.high, dtype=space.dtype)

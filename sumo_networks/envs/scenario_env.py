@@ -23,9 +23,9 @@ from dohyo.sumo_networks.envs.options import (
     check_scenario,
     checked_scenarios,
     checked_sensors,
+    own_space,
 )
 from dohyo.sumo_networks.envs.process_vector_env import ProcessVectorEnv
-from dohyo.sumo_networks.envs.spaces import own_space
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.scenario import Scenario
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
