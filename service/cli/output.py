@@ -74,7 +74,7 @@ def print_json(document: object) -> None:
     unicode = (sys.stdout.encoding or "").lower().replace("-", "") == "utf8"
     json.dump(document, sys.stdout, indent=1, ensure_ascii=not unicode)
     sys.stdout.write("\n")
-    sys.stdout.flush()  # whoever reads a pipe gets each document of a command that goes on
+    sys.stdout.flush()  # so that a pipe has each document of a command that goes on
 
 
 def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -20,6 +20,7 @@ from dohyo.service.database.engine import Database
 from dohyo.sumo_networks.errors import InvalidInputError
 
 FILE: Final = "database-id"
+SQLITE: Final = "dohyo.db"
 WAYS: Final = (
     "name its own one by --database or DOHYO_DATABASE (without them: dohyo.db in the folder), or another --data folder"
 )
@@ -50,6 +51,16 @@ def check_identity(data: Path, database: Database) -> None:
             f"data folder '{data}' belongs to database {there}, and this is {here or 'another one'}: {WAYS}; if both"
             f" were restored from a backup, delete '{data / FILE}'"
         )
+
+
+def check_served(data: Path) -> None:
+    """Refuses a folder from which nothing was served: a command that opens its database would make an empty one.
+
+    Raises:
+        InvalidInputError: It has neither an identity nor a file of SQLite.
+    """
+    if not any((data / name).is_file() for name in (FILE, SQLITE)):
+        raise InvalidInputError(f"'{data}' holds no data of a service; `dohyo serve --data` creates it")
 
 
 def check_folder(data: Path, records: Path, database: Database) -> None:

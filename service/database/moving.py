@@ -12,7 +12,7 @@ from sqlalchemy import JSON, Connection, MetaData, Table, func, insert, select, 
 from sqlalchemy.orm import Session
 
 from dohyo.service.database.engine import Database, usable
-from dohyo.service.database.identity import Identity, check_identity, claim
+from dohyo.service.database.identity import Identity, check_identity, check_served, claim
 from dohyo.service.database.server_lock import server_lock
 from dohyo.service.database.tables import METADATA
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -34,11 +34,12 @@ def move(data: Path, source: Database, target: Database) -> dict[str, int]:
         Number of rows by table.
 
     Raises:
-        InvalidInputError: The folder belongs to another database than `source`, a server uses one of the two, the
-            tables are of another version, `target` has rows, or it cannot store a row.
+        InvalidInputError: Nothing was served from the folder, it belongs to another database than `source`, a server
+            uses one of the two, the tables are of another version, `target` has rows, or it cannot store a row.
     """
     if source.engine.url == target.engine.url:
         raise InvalidInputError("--to: expected another database than the present one, got the same")
+    check_served(data)
     with usable():
         check_identity(data, source)
     with server_lock(source), server_lock(target):

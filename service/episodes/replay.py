@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dohyo.evaluation.records.record import EgoRecord, EpisodeRecord, Infraction
+from dohyo.evaluation.records.roads import check_roads
 from dohyo.evaluation.records.trajectory import Trajectory
 from dohyo.evaluation.scores.driving import Rules, infraction_penalty, outside_fraction
 from dohyo.evaluation.summary import score_drive
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
-from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.world import ActorKind
@@ -47,11 +47,7 @@ def replay_of(
     Raises:
         InvalidInputError: The network differs from the record's, or a mission cannot be planned on it.
     """
-    if network.sha256 != record.versions.network_sha256:
-        raise InvalidInputError(
-            f"episode '{episode}' was driven on network '{record.scenario.network}' "
-            f"{record.versions.network_sha256[:12]}, and the one here is {network.sha256[:12]}"
-        )
+    check_roads(record, network)
     routes = [plan_route(network, mission).position for mission in record.scenario.missions]
     bounds = _bounds(trajectory, routes)
     return {

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.evaluation.records.record import EpisodeRecord
+from dohyo.evaluation.records.roads import check_roads
 from dohyo.evaluation.records.store import read_trajectory
 from dohyo.evaluation.scores.nuplan.score import ClosedLoop, closed_loop
 from dohyo.evaluation.statistics import Comparison, Estimate, mean_estimate, paired, share_estimate
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.catalog import load_network
-from dohyo.sumo_networks.networks.network import RoadNetwork
 
 TERMS = (
     "no_collision",
@@ -93,28 +93,13 @@ def score_records(records: Iterable[tuple[EpisodeRecord, Path]]) -> list[ScoredD
             raise InvalidInputError(f"scenario '{scenario.name}' has no reference; no closed-loop score without one")
         if record.lost:
             continue
-        network, trajectory = driven_network(record), read_trajectory(path)
+        network, trajectory = load_network(scenario.network), read_trajectory(path)
+        check_roads(record, network)
         for ego, facts in enumerate(record.egos):
             terms = closed_loop(record, trajectory, network, scenario.reference_m, ego)
             kind = scenario.cell.partition(".")[0]
             found.append(ScoredDrive(scenario.name, scenario.seed, facts.name, kind, terms))
     return found
-
-
-def driven_network(record: EpisodeRecord) -> RoadNetwork:
-    """The network on which an episode was driven, from the catalog.
-
-    Raises:
-        InvalidInputError: The catalog has none of its name, or one with other roads.
-    """
-    name, driven = record.scenario.network, record.versions.network_sha256
-    network = load_network(name)
-    if network.sha256 != driven:
-        raise InvalidInputError(
-            f"scenario '{record.scenario.name}' was driven on network '{name}' {driven[:12]}, and the one here is"
-            f" {network.sha256[:12]}: no closed-loop score without the roads that were driven"
-        )
-    return network
 
 
 def summarise_closed_loop(drives: Sequence[ScoredDrive], lost: int = 0) -> ClosedLoopSummary:

@@ -10,7 +10,6 @@ import typer
 from dohyo.service.cli.commands.serve import make_settings
 from dohyo.service.cli.output import Json, console, print_json
 from dohyo.service.database.engine import Database
-from dohyo.sumo_networks.errors import InvalidInputError
 
 
 def move(
@@ -26,8 +25,6 @@ def move(
     from dohyo.service.database.moving import move as moved  # imports take a second
 
     settings = make_settings({"data": data}, database)
-    if settings.database is None and not (settings.data / "dohyo.db").is_file():
-        raise InvalidInputError(f"'{settings.data}' holds no data of a service; `dohyo serve --data` creates it")
     source, target = Database(settings.database_url), Database(to)
     try:
         rows = moved(settings.data, source, target)

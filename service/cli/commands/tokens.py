@@ -17,7 +17,7 @@ from dohyo.service.accounts.views import view_token
 from dohyo.service.cli.commands.serve import make_settings
 from dohyo.service.cli.output import DASH, Json, console, print_json, print_rows
 from dohyo.service.database.engine import Database, usable
-from dohyo.service.database.identity import check_identity
+from dohyo.service.database.identity import check_identity, check_served
 from dohyo.service.database.server_lock import server_lock
 from dohyo.sumo_networks.errors import InvalidInputError
 
@@ -82,8 +82,8 @@ def _session(data: Path | None, url: str | None) -> Iterator[Session]:
         if settings.database is None or "data" in settings.model_fields_set:
             with usable():
                 check_identity(settings.data, database)
-        if settings.database is None and not (settings.data / "dohyo.db").is_file():
-            raise InvalidInputError(f"'{settings.data}' holds no data of a service; `dohyo serve --data` creates it")
+        if settings.database is None:
+            check_served(settings.data)
         if not database.is_migrated():
             with server_lock(database):  # migrates: a server of the earlier version would go on with other tables
                 pass

@@ -123,7 +123,8 @@ def test_what_is_refused_changes_nothing(tmp_path: Path, empty: str) -> None:
         return str(error)
 
     assert "the same" in refused("--data", str(data), "--to", f"sqlite:///{data / 'dohyo.db'}")
-    assert "holds no data" in refused("--data", str(tmp_path / "nothing"), "--to", empty)
+    for present in ((), ("--database", other)):
+        assert "holds no data" in refused("--data", str(tmp_path / "nothing"), *present, "--to", empty)
     assert "belongs to database" in refused("--data", str(data), "--database", other, "--to", empty)
     assert "expected sqlite or postgresql" in refused("--data", str(data), "--to", "mysql://localhost/x")
     target.migrate()
