@@ -45,6 +45,7 @@ CALLERS: Final[Mapping[str, tuple[str, Role] | None]] = {
 WAITS: Final = ("/v1/workers/{worker_id}/acquire", "/v1/worlds/{identifier}/events")
 """Wait for an episode, or stream for ever; they have tests of their own."""
 TOKEN: Final = "its own token"
+LONGEST_ANSWER_S: Final = 120.0  # of a machine that does much else; Schemathesis's own is 10
 LAST: Final = "/v1/worlds/{identifier}/end"
 
 
@@ -62,7 +63,7 @@ def listening(data: Path) -> Iterator[tuple[str, Harness]]:
         time.sleep(0.01)
     url = f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
     try:
-        with httpx.Client(base_url=url, timeout=120.0) as client:
+        with httpx.Client(base_url=url, timeout=LONGEST_ANSWER_S) as client:
             yield url, Harness(client, app.state.services)  # type: ignore[arg-type]
     finally:
         server.should_exit = True
@@ -198,7 +199,7 @@ def _try(
             case.path_parameters.update({key: value for key, value in exists.items() if key in case.path_parameters})
         own = {"authorization": f"Bearer {exists[TOKEN]}"} if existing and TOKEN in exists else None
         for name in callers:
-            answer = case.call(base_url=url, headers=own or headers[name])
+            answer = case.call(base_url=url, headers=own or headers[name], timeout=LONGEST_ANSWER_S)
             if fault := _fault(answer, documented):
                 faults.add(f"{operation.method.upper()} {operation.path} as {name}: {answer.status_code} {fault}")
 
