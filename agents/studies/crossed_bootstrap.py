@@ -56,7 +56,7 @@ def estimate(matched: Matched, alone: Callable[[Sequence[float]], Estimate] = me
         return Estimate(found.mean, found.low, found.high, len(values))
     if len(table) == 1:
         return student_estimate(values.tolist())
-    low, high = np.quantile(_crossed(table, N_RESAMPLES), _TAILS)
+    low, high = np.quantile(_crossed(table, *_counts(*table.shape, N_RESAMPLES)), _TAILS)
     return Estimate(float(values.mean()), float(low), float(high), len(values))
 
 
@@ -66,16 +66,11 @@ def dense_estimate(matched: Matched) -> Estimate:
     It draws indices instead of counts, so that its random numbers differ from those of `estimate`, which serves where
     there are holes.
     """
-    values = _table(matched).T
-    if not np.isfinite(values).all():
+    table = _table(matched)
+    if not np.isfinite(table).all():
         return estimate(matched)
-    generator = np.random.default_rng(SEED)
-    k, n = values.shape
-    drawn = [
-        values[np.ix_(generator.integers(k, size=k), generator.integers(n, size=n))].mean() for _ in range(N_RESAMPLES)
-    ]
-    low, high = np.quantile(drawn, _TAILS)
-    return Estimate(float(values.mean()), float(low), float(high), values.size)
+    low, high = np.quantile(_crossed(table, *_counts_of_indices(*table.shape, N_RESAMPLES)), _TAILS)
+    return Estimate(float(table.mean()), float(low), float(high), table.size)
 
 
 def p_value(matched: Matched) -> float:
@@ -106,9 +101,14 @@ def _table(matched: Matched) -> FloatArray:
     return np.array([[row.get(seed, math.nan) for seed in trainings] for _, row in sorted(matched.items())])
 
 
-def _crossed(table: FloatArray, resamples: int) -> FloatArray:
-    """(R,) means of (N, K) values, NaN for missing ones, with rows and columns drawn with replacement."""
-    rows, columns = _counts(*table.shape, resamples)
+def _crossed(table: FloatArray, rows: IntArray, columns: IntArray) -> FloatArray:
+    """(R,) means of (N, K) values, NaN for missing ones, in which each counts as often as its row times its column.
+
+    Args:
+        table: Values.
+        rows: (R, N) how often each row was drawn.
+        columns: (R, K) how often each column was drawn.
+    """
     there = np.isfinite(table)
     sums = ((rows @ np.where(there, table, 0.0)) * columns).sum(axis=1)
     counts = ((rows @ there.astype(float)) * columns).sum(axis=1)
@@ -121,6 +121,17 @@ def _counts(n: int, k: int, resamples: int) -> tuple[IntArray, IntArray]:
     """How often each of N rows and K columns was drawn, (R, N) and (R, K); the same for all tables of a size."""
     generator = np.random.default_rng(SEED)
     rows, columns = (generator.multinomial(size, np.full(size, 1 / size), resamples) for size in (n, k))
+    return rows, columns
+
+
+@lru_cache(maxsize=4)
+def _counts_of_indices(n: int, k: int, resamples: int) -> tuple[IntArray, IntArray]:
+    """The same of drawn indices, which are other random numbers."""
+    generator = np.random.default_rng(SEED)
+    rows, columns = np.empty((resamples, n), np.int64), np.empty((resamples, k), np.int64)
+    for row, column in zip(rows, columns, strict=True):
+        column[:] = np.bincount(generator.integers(k, size=k), minlength=k)
+        row[:] = np.bincount(generator.integers(n, size=n), minlength=n)
     return rows, columns
 
 

@@ -69,7 +69,7 @@ COMMANDS: dict[str, Command | Group] = {
                 "Drives every entrant in every discipline. Run again, it continues where it stopped.",
                 resumes=True,
             ),
-            "table": Command("league:table", "Makes the league's page from stored rows."),
+            "table": Command("league_table:table", "Makes the league's page from stored rows."),
             "verify": Command(
                 "league:verify",
                 "Drives rows of the league again. Exit code 1 if a record's hash or a measure differs.",

@@ -1,4 +1,4 @@
-"""`dohyo league`: runs the league, prints its page, drives rows again."""
+"""`dohyo league run` and `verify`: drives the league, and rows of it again."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Annotated
 
 import typer
 
-from dohyo.agents.league import figures, league, localization
+from dohyo.agents.league import league
 from dohyo.agents.league.edition import DOCUMENT, Discipline, Entrant, read_edition
 from dohyo.agents.league.evaluating import Progress
-from dohyo.agents.league.page import page
-from dohyo.agents.league.rows import check_version, read_comparable_rows, read_league_rows, versions_of
-from dohyo.evaluation.output_file import write_output
+from dohyo.agents.league.rows import check_version, read_league_rows
+from dohyo.service.cli.commands.league_table import EditionFile, Rows
 from dohyo.service.cli.output import console
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
@@ -21,11 +20,6 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.processes import usable_processors
 
 DIFFERS = 1
-EditionFile = Annotated[
-    Path,
-    typer.Option("--edition", help="TOML file of disciplines and entrants.", show_default="the published edition"),
-]
-Rows = Annotated[Path | None, typer.Option(help="Folder of the rows; default: that of the edition's file.")]
 
 
 def run(
@@ -51,23 +45,6 @@ def run(
 
     league.run(chosen, out, *names, rows=rows, workers=workers or usable_processors(), tell=tell)
     console.print(f"rows: {rows or out}")
-
-
-def table(
-    rows: Rows = None,
-    out: Annotated[Path | None, typer.Option(help="File; default: print the page.")] = None,
-    edition: EditionFile = DOCUMENT,
-) -> None:
-    """Makes the league's page from stored rows."""
-    more = f"{figures.SECTION}\n\n{localization.section()}" if edition == DOCUMENT else ""
-    chosen, folder = read_edition(edition), rows or edition.parent
-    stored = read_comparable_rows(chosen, folder)
-    text = page(chosen, stored, more, sorted(versions_of(folder, stored)))
-    if out is None:
-        print(text)  # Markdown, for files and pipes
-    else:
-        write_output(out, text.encode())
-        console.print(f"page: {out}")
 
 
 def verify(

@@ -42,7 +42,7 @@ def test_a_mean_is_over_the_drives_that_are_there():
     assert found.n == 5
     assert all(math.isfinite(end) for end in (found.low, found.high))
     table = np.array([[100.0, 0.0], [np.nan, 0.0], [100.0, 100.0]])
-    assert np.isfinite(crossed_bootstrap._crossed(table, 500)).all()
+    assert np.isfinite(crossed_bootstrap._crossed(table, *crossed_bootstrap._counts(3, 2, 500))).all()
 
 
 def test_common_values_are_those_of_the_scenarios_that_all_trainings_drove():
