@@ -90,10 +90,11 @@ class Drive:
         try:
             facts = json.loads((folder / FACTS).read_text())
             arrays = {path.stem: np.load(path, mmap_mode="r") for path in sorted(folder.glob("*.npy"))}
-        except (OSError, ValueError, EOFError) as error:
+            rows = int(facts["rows"])
+        except (OSError, ValueError, EOFError, KeyError, TypeError) as error:
             raise InvalidInputError(f"drive '{folder}' is damaged: {error}; record it again") from error
-        if any(len(array) != facts["rows"] for array in arrays.values()):
-            raise InvalidInputError(f"drive '{folder}': expected {facts['rows']} rows, got {_rows(arrays)}")
+        if any(len(array) != rows for array in arrays.values()):
+            raise InvalidInputError(f"drive '{folder}': expected {rows} rows, got {_rows(arrays)}")
         return cls(facts, arrays)
 
 

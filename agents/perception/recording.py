@@ -11,6 +11,7 @@ order gives the same arrays.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from dohyo.agents.driving import decisions
 from dohyo.agents.perception.drives import FACTS, Arrays, write_drives
@@ -42,15 +43,23 @@ class RecordingRequest(Config):
         agent: Registered name or "module:Class" of the agent that drives every ego.
         settings: Keyword arguments of its constructor.
         sensors: Names or configurations of the sensors that are kept; the agent's own are kept only if named here.
-        every_s: Time between two rows of one ego.
-        longest_s: Longest drive.
+        every_s: Time between two rows of one ego, a multiple of a tick.
+        longest_s: Longest drive, at least a tick.
     """
 
     agent: str = "autopilot"
     settings: Annotated[dict[str, Any], Field(default_factory=dict)]
     sensors: tuple[str | CameraConfig | BirdseyeConfig, ...] = ("camera_rgb", "speedometer")
     every_s: Annotated[float, Field(ge=TICK_S)] = 0.2
-    longest_s: Annotated[float, Field(gt=0)] = 120.0
+    longest_s: Annotated[float, Field(ge=TICK_S)] = 120.0
+
+    @field_validator("every_s")
+    @classmethod
+    def _whole_ticks(cls, every_s: float) -> float:
+        ticks = every_s / TICK_S
+        if not math.isclose(ticks, round(ticks)):
+            raise ValueError(f"expected a multiple of {TICK_S:g} s, got {every_s:g}")
+        return every_s
 
 
 def record_drives(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from functools import lru_cache
-from typing import Any, NamedTuple
+from itertools import count
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,6 +21,8 @@ SIDE_PX = TILE_PX + 1
 CAPACITY = 128
 SUPERSAMPLING = 3
 THINNEST_PX = 3.0
+_GENERATIONS: Final = count()
+"""Of all pools of this process: a table of one is never taken for that of another."""
 
 
 class TileWindow(NamedTuple):
@@ -51,7 +54,7 @@ class Tiles:
     Attributes:
         metres_per_px: Size of a texel, m.
         pool: (CAPACITY, 257, 257) uint32 or uint8; row 0 is the tile's southern edge, column 0 its western.
-        generation: Number that changes when a tile is dropped.
+        generation: Number that changes when a tile is dropped; no two pools ever have the same.
     """
 
     def __init__(
@@ -65,7 +68,7 @@ class Tiles:
             colours: (10, 3) colours by Surface, 0 to 255; None for surfaces only.
             capacity: Number of tiles kept.
         """
-        self.metres_per_px, self.generation = metres_per_px, 0
+        self.metres_per_px, self.generation = metres_per_px, next(_GENERATIONS)
         self.pool: NDArray[Any] = np.empty(
             (capacity, SIDE_PX, SIDE_PX), dtype=np.uint8 if colours is None else np.uint32
         )
@@ -108,7 +111,7 @@ class Tiles:
             slot = len(self._slots)
         else:
             _, slot = self._slots.popitem(last=False)
-            self.generation += 1
+            self.generation = next(_GENERATIONS)
         self._draw(slot, column * self.side_m, row * self.side_m)
         self._slots[column, row] = slot
         return slot

@@ -88,18 +88,19 @@ def make_sensors(
         names: Names from `SENSORS` or sensor configurations.
         track: Track of the agent.
         conditions: Conditions of the scenario; clear by default.
-        rng: Generator of the sensors' noise.
+        rng: Generator of the sensors' noise; each sensor has errors of its own, which depend on its place in `names`.
 
     Raises:
         UnknownNameError: A sensor does not exist.
         InvalidInputError: The track does not allow a sensor, or a sensor is given twice.
     """
     out: list[Sensor] = []
+    generator = rng or np.random.default_rng(0)
     for name in names:
         if not isinstance(name, SensorConfig) and name not in SENSORS:
             raise UnknownNameError("sensor", name, SENSORS)
         maker = name if isinstance(name, SensorConfig) else SENSORS[name]
-        sensor = maker.make(conditions or Conditions(), rng or np.random.default_rng(0))
+        sensor = maker.make(conditions or Conditions(), generator)
         if sensor.track > track:
             raise InvalidInputError(
                 f"sensor '{sensor.name}' needs track '{sensor.track.name.lower()}', "

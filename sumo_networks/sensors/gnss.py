@@ -11,6 +11,7 @@ from gymnasium.spaces import Box
 
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.conditions import Conditions
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.networks.projection import read_projection
 from dohyo.sumo_networks.sensors.base import Sensor, Track
 from dohyo.sumo_networks.world import World
@@ -27,7 +28,7 @@ class GnssNoise:
         sigma_m: Standard deviation of the error in east and in north, m; the error in height is 1.5 times as large.
         correlated_share: Share of the variance that changes slowly (first-order Gauss-Markov); the rest is white.
         correlation_s: Time constant of the slow part, s.
-        rate_hz: Fixes per second, at most 10.
+        rate_hz: Fixes per second: 10, or a whole part of it.
         dropout: Share of missing fixes, drawn for each fix.
     """
 
@@ -36,6 +37,16 @@ class GnssNoise:
     correlation_s: float = 60.0
     rate_hz: float = 10.0
     dropout: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Checks the rate.
+
+        Raises:
+            InvalidInputError: Fixes would not be a whole number of ticks apart.
+        """
+        ticks = 10.0 / self.rate_hz if self.rate_hz > 0.0 else 0.0
+        if ticks < 1.0 or not math.isclose(ticks, round(ticks)):
+            raise InvalidInputError(f"rate_hz: expected 10, 5, 2 or another whole part of 10, got {self.rate_hz:g}")
 
 
 L80 = GnssNoise(sigma_m=2.5 / _CEP)

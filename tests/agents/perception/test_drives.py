@@ -102,6 +102,9 @@ def test_damaged_other_and_missing_drives_are_one_clear_error(folder):
     with pytest.raises(InvalidInputError, match="expected arrays"):
         Drives(folder, "train")
     facts = json.loads((path / "drive.json").read_text())
+    (path / "drive.json").write_text(json.dumps({"ego": "x"}))
+    with pytest.raises(InvalidInputError, match=r"ego0' is damaged: 'rows'; record it again"):
+        Drives(folder, "train")
     (path / "drive.json").write_text(json.dumps(facts | {"rows": 9}))
     with pytest.raises(InvalidInputError, match="expected 9 rows, got action 3, camera 3"):
         Drives(folder, "train")

@@ -81,3 +81,10 @@ def test_another_or_impossible_order_is_refused(folder, tmp_path):
     with pytest.raises(ValueError, match="every_s"):
         RecordingRequest(every_s=0.01)
     assert json.loads((folder / "dataset.json").read_text())["sensors"][0]["width"] == 32
+
+
+@pytest.mark.parametrize(("setting", "value"), [("every_s", 0.25), ("longest_s", 0.04)])
+def test_times_that_are_no_ticks_are_refused(setting, value):
+    with pytest.raises(ValueError, match=setting):
+        RecordingRequest(**{setting: value})
+    assert RecordingRequest(every_s=0.3).every_s == 0.3

@@ -228,3 +228,13 @@ def test_the_largest_views_find_room_for_their_tiles(metres_per_px: float) -> No
     world = crossing_for_pedestrians().with_ego(x=-20.0, heading=0.75).world()
     options = {"width": 2048, "height": 2048, "metres_per_px": metres_per_px}
     assert seen(world, mode="rgb", **options).any()
+
+
+def test_a_sensor_outlives_the_tiles_of_its_resolution() -> None:
+    """Seventeen other pools push out the one that it has read from."""
+    world = road().world()
+    (birdseye,) = make_sensors([BirdseyeConfig(name="birdseye")])
+    before = birdseye.read(world, 0)
+    for i in range(17):
+        seen(world, metres_per_px=0.3 + 0.01 * i)
+    assert np.array_equal(birdseye.read(world, 0), before)

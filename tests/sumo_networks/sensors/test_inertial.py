@@ -21,7 +21,7 @@ from dohyo.sumo_networks.geometry import ray_to_box
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.projection import Projection, enu_to_geodetic, geodetic_to_enu, read_projection
 from dohyo.sumo_networks.sensors import make_sensors
-from dohyo.sumo_networks.sensors.gnss import L80, Gnss, GnssErrors, GnssNoise
+from dohyo.sumo_networks.sensors.gnss import L80, RTK, Gnss, GnssErrors, GnssNoise
 from dohyo.sumo_networks.sensors.imu import ICM_20600, Imu, ImuErrors, ImuNoise, specific_force_and_rate
 from dohyo.sumo_networks.sensors.radar import ANGLES, Radar
 from dohyo.sumo_networks.world import ActorKind, World
@@ -376,3 +376,16 @@ def test_the_route_map_does_not_tell_where_on_the_page_one_is() -> None:
     (sensor,) = make_sensors(["route_map"])
     pages = [sensor.read(straight_road().with_ego(x=x, left=left).world(), 0) for x, left in ((430, 0), (447, -1.5))]
     np.testing.assert_array_equal(*pages)
+
+
+@pytest.mark.parametrize("rate", [20.0, 7.0, 4.0, 0.0, -1.0])
+def test_a_receiver_whose_fixes_are_no_whole_ticks_apart_is_refused(rate: float) -> None:
+    with pytest.raises(InvalidInputError, match="rate_hz: expected 10, 5, 2 or another whole part"):
+        GnssNoise(sigma_m=1.0, rate_hz=rate)
+    assert GnssNoise(sigma_m=1.0, rate_hz=2.5).rate_hz == 2.5
+
+
+def test_two_receivers_without_a_generator_have_errors_of_their_own() -> None:
+    world = straight_road().with_ego(x=100.0).world()
+    wrong = [one.read(world, 0)[1:3] - world.egos.position[0] for one in make_sensors(["gnss", "gnss_rtk"])]
+    assert not np.allclose(wrong[0] / L80.sigma_m, wrong[1] / RTK.sigma_m, rtol=0.2)
