@@ -22,6 +22,7 @@ from dohyo.agents.learning.experience.replay import Replay
 from dohyo.agents.learning.runs.config import Positive, Share
 from dohyo.sumo_networks.arrays import IntArray
 from dohyo.sumo_networks.config import Config
+from dohyo.sumo_networks.errors import InvalidInputError
 
 _DRAWN = 2  # separates this random stream from those of seeds and mixtures
 
@@ -35,7 +36,8 @@ class GriConfig(Config):
             steps as its explorers: a demonstration goes in whenever their share of all steps is below p_demo.
         demo_reward: r_demo, the reward of every demonstrated step; None: the highest that the expert reached.
         demo_noise: Share of bad ones among demonstrations that are recorded, see `experts`.
-        explorer_reward: Reward of every explored step; None: the environment's. With 0 it is SQIL (Reddy et al. 2020).
+        explorer_reward: Reward of every explored step; None: the environment's. With 0, and a `demo_reward` of 1, it is
+            SQIL (Reddy et al. 2020).
         shortest: Least mean length of the explorers' episodes that the replay has room for with "episodes", steps.
     """
 
@@ -59,10 +61,18 @@ class DemonstratedReplay(Replay):
             gri: Settings.
             seed: Of the run; it also decides which demonstrations go in when.
             options: See `Replay`.
+
+        Raises:
+            InvalidInputError: Explored steps are rewarded as much as demonstrated ones, so that nothing can be learned.
         """
+        self._reward = shown.highest_reward if gri.demo_reward is None else gri.demo_reward
+        if gri.explorer_reward is not None and gri.explorer_reward >= self._reward:
+            raise InvalidInputError(
+                f"gri.explorer_reward: expected less than the reward of demonstrations, {self._reward + 0.0:g}, got "
+                f"{gri.explorer_reward:g}; give gri.demo_reward"
+            )
         super().__init__(*given, seed=seed, **options)
         self._shown, self._gri, self._seed = shown, gri, seed
-        self._reward = shown.highest_reward if gri.demo_reward is None else gri.demo_reward
         self._begun: IntArray = np.zeros(0, np.int64)  # (N,) every row's last episode
         self._explored, self._demonstrated = 0, 0  # steps
 

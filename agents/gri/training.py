@@ -95,9 +95,15 @@ def task_of(env: str, first: int, episodes: int) -> Task:
 
 
 def make_learner(settings: GriRunConfig, task: Task, collector: Collector | Explorers, run: TaskRun) -> Learner:
-    """Learner of the algorithm that the settings name, with demonstrations in its replay if there are any."""
+    """Learner of the algorithm that the settings name, with demonstrations in its replay if there are any.
+
+    Raises:
+        InvalidInputError: Explored steps have a constant reward that says nothing; see `demonstrations_of` for more.
+    """
     kind, config, gri = OFF_POLICY[settings.algorithm], getattr(settings, settings.algorithm), settings.gri
     if gri.p_demo == 0.0:
+        if gri.explorer_reward is not None:
+            raise InvalidInputError("gri.explorer_reward: expected gri.p_demo above 0; it stands beside demonstrations")
         replay = make_replay(task, run, config, rows=len(collector))
     else:
         shown = demonstrations_of(settings, task, run.folder)

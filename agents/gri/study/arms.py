@@ -56,7 +56,7 @@ _PICTURES_SIZES: Final = (
     *_DRIVING_SIZES, "hidden=[256,256]", "learning_rate=2e-4", "updates_per_step=1.0", "target_every=1000",
     "exploration_steps=30000", "replay.capacity=150000",
 )  # fmt: skip
-"""Four times as many updates as of a state, with a smaller rate: an encoding has 8,192 numbers, not 51."""
+"""Four times as many updates as of a state, with a smaller rate: a state has 4,096 numbers, not 51."""
 _FULL: Final = ("steps=100000", "evaluate_every=10000", "checkpoint_every=10000", "episodes=10", _OF_STEPS)
 _LONG: Final = ("steps=200000", "evaluate_every=20000", "checkpoint_every=20000", "episodes=5")
 

@@ -22,7 +22,7 @@ from dohyo.agents.perception.encoders.local_mixing import parameter_groups
 
 
 class IqnConfig(OffPolicyConfig):
-    """Settings; those of the quantiles are Dabney's, the others those of stable-baselines3's DQN.
+    """Settings; K and kappa are Dabney's, whose N and N' are 64; the others are those of stable-baselines3's DQN.
 
     Attributes:
         learning_rate: Of Adam.

@@ -242,7 +242,7 @@ class Demonstrations:
             (B,) in TorchRL's form: "observation", "action", "episode" (its number here), and under "next" the
             observation, "reward", "terminated", "truncated" and "done" (B, 1).
         """
-        parts = [self._transitions(number) for number in numbers or range(len(self))]
+        parts = [self._transitions(number) for number in (range(len(self)) if numbers is None else numbers)]
         return TensorDict.cat(parts)
 
     def split(self, share: float) -> tuple[TensorDict, TensorDict]:

@@ -33,7 +33,7 @@ class DrqV2Config(OffPolicyConfig):
         hidden: Width of each hidden layer of actor and critics.
         first_noise: Standard deviation of the exploration at the start.
         last_noise: The same from `noise_steps` on; linear between.
-        noise_steps: Environment steps.
+        noise_steps: Environment steps (source: at least 100,000; a training here has fewer).
         noise_clip: Bound of the target action's noise.
     """
 

@@ -67,7 +67,9 @@ ARMS: Final[Mapping[str, DrivingArm]] = MappingProxyType(
         "empty-town": DrivingArm("no traffic", PICTURES, ("town.roads=empty", *_SHORT)),
         "twin": DrivingArm("exact state", TWIN),
         "twin-far-sighted": DrivingArm("exact state, a discount of 0.99", TWIN, ("sac.gamma=0.99",)),
-        "twin-as-released": DrivingArm("exact state, as released", TWIN, (*_RELEASED, "sac.batch=64")),
+        "twin-as-released": DrivingArm(
+            "exact state; creeps, far-sighted, small batches", TWIN, (*_RELEASED, "sac.batch=64")
+        ),
         "twin-no-waypoint-convolution": DrivingArm("exact state, plain layers", TWIN, ("latent.waypoints=plain",)),
     }
 )

@@ -16,6 +16,7 @@ from dohyo.agents.learning.experience.collector import Collector
 from dohyo.agents.learning.experience.demonstrations import Demonstrations, record_demonstrations
 from dohyo.agents.learning.experience.replay import ReplayConfig
 from dohyo.agents.learning.tasks.task import Task, named
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.learning.problems import LENGTH, Lock, Point
 
 GAMMA = 0.5
@@ -115,6 +116,12 @@ def test_without_a_given_reward_it_is_the_highest_of_the_expert(shown, tmp_path)
     demonstrated, _ = parts(explored(Point(), shown, tmp_path, 100, p_demo=0.3, demo_reward=None))
     assert set(demonstrated["next", "reward"].flatten().tolist()) == {shown.highest_reward}
     assert shown.highest_reward == 0.0, "the point is at rest at the end"
+
+
+def test_an_explorers_reward_that_is_not_below_the_demonstrators_is_refused(shown, tmp_path):
+    """The highest reward of this task is 0: SQIL without `demo_reward` would learn nothing."""
+    with pytest.raises(InvalidInputError, match=r"explorer_reward: expected less than .*got 0; give"):
+        explored(Point(), shown, tmp_path, 1, p_demo=0.5, demo_reward=None, explorer_reward=0.0)
 
 
 def test_a_share_of_demonstrations_is_bad_on_demand(tmp_path):

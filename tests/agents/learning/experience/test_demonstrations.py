@@ -31,6 +31,8 @@ def recorded(tmp_path_factory) -> Path:
 
 
 def test_every_transition_is_the_experts_and_leads_to_the_next(recorded):
+    with pytest.raises(IndexError):
+        Demonstrations(recorded).transitions(range(0))
     rows = Demonstrations(recorded).transitions()
     assert len(rows) == 5 * LENGTH
     place, after = (part["observation", "observation"][:, 0] for part in (rows, rows["next"]))
