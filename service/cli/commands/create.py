@@ -41,9 +41,7 @@ def create(
     """Creates a benchmark on any network: draws missions, and writes one TOML file."""
     if name in benchmark_names(Family.DRIVING):
         raise InvalidInputError(f"benchmark '{name}' comes with dohyo; choose another name")
-    path = out or Path(f"{name}.toml")
-    if path.exists() and not force:
-        raise InvalidInputError(f"'{path}' exists; replace it with --force, or choose another --out")
+    path = free_path(out or Path(f"{name}.toml"), force)
     made = create_benchmark(
         name,
         network,
@@ -63,6 +61,17 @@ def create(
     print_created(made)
     console.print(f"benchmark: {path.resolve()}")
     console.print(f"drive it: dohyo evaluate --agent autopilot --benchmark {path}")
+
+
+def free_path(path: Path, force: bool) -> Path:
+    """The path, if a benchmark may be written there.
+
+    Raises:
+        InvalidInputError: A file exists, and is not to be replaced.
+    """
+    if path.exists() and not force:
+        raise InvalidInputError(f"'{path}' exists; replace it with --force, or choose another --out")
+    return path
 
 
 def notes_of(made: Created) -> dict[str, str]:

@@ -167,6 +167,8 @@ def verify(
         _verify_lot(record, key, server, signature_only, policy, trust, json, deadline)
         return
     if is_morning(record):
+        if policy is not None:
+            raise InvalidInputError(f"'{record}': --policy is for records of drives, lots and days")
         _verify_morning(record, key, server, signature_only, json)
         return
     if is_day(record):

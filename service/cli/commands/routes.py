@@ -10,7 +10,7 @@ import typer
 from dohyo.evaluation.benchmarks.carla_routes import MAX_SNAP_M, ImportedRoutes, import_routes
 from dohyo.evaluation.benchmarks.cells import Protocol
 from dohyo.evaluation.benchmarks.writing import write_benchmark
-from dohyo.service.cli.commands.create import parse_levels, parse_names
+from dohyo.service.cli.commands.create import free_path, parse_levels, parse_names
 from dohyo.service.cli.output import Json, console, print_json, print_rows
 from dohyo.service.cli.seeds import parse_seeds
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -35,11 +35,14 @@ def import_file(
     max_snap: Annotated[float, typer.Option(min=0, help="Largest distance of a waypoint from a lane, m.")] = MAX_SNAP_M,
     skip: Annotated[bool, typer.Option("--skip", help="Leave out routes that make no mission, with a list.")] = False,
     out: Annotated[Path | None, typer.Option(help="The .toml to write; default: NAME.toml.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     json: Json = False,
 ) -> None:
     """Makes a benchmark of the routes in a CARLA route file, one mission per route."""
     if traffic is not None and (vehicles or pedestrians):
         raise InvalidInputError("expected either --traffic or --vehicles and --pedestrians, got both")
+    if out is not None:
+        free_path(out, force)
     made = import_routes(
         file,
         network,
@@ -52,7 +55,7 @@ def import_file(
         max_snap_m=max_snap,
         skip=skip,
     )
-    path = write_benchmark(made.benchmark, out or Path(f"{made.benchmark.name}.toml"))
+    path = write_benchmark(made.benchmark, free_path(out or Path(f"{made.benchmark.name}.toml"), force))
     if json:
         routes = [snap.as_document() for snap in made.snaps]
         print_json({"benchmark": str(path), "routes": routes, "skipped": dict(made.skipped)})

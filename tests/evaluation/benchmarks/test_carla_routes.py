@@ -246,3 +246,9 @@ def test_the_command(town: str, tmp_path: Path) -> None:
     benchmark = load_benchmark(str(out))
     assert benchmark.cells[0].traffic.vehicles == 5
     assert len(benchmark.scenarios(seeds=[0])) == 3
+    before = out.read_bytes()
+    again = CliRunner().invoke(app, [*arguments, "--out", str(out)])
+    assert "carla.toml' exists; replace it with --force" in str(again.exception)
+    assert out.read_bytes() == before
+    assert CliRunner().invoke(app, [*arguments, "--out", str(out), "--force"]).exit_code == 0
+    assert out.read_bytes() != before

@@ -141,6 +141,12 @@ def test_an_intact_record_without_drives_is_called_what_it_is(
     assert "`dohyo evaluations watch ID`" in refused
 
 
+def test_a_morning_takes_no_policy(tmp_path: Path) -> None:
+    path = fetched(tmp_path / "run", morning())
+    refused = dohyo.invoke(app, ["verify", str(path), "--policy", str(path)]).exception
+    assert str(refused) == f"'{path}': --policy is for records of drives, lots and days"
+
+
 def test_an_intact_lot_is_called_one_by_score(tmp_path: Path) -> None:
     path = tmp_path / "lot-s5.json"
     path.write_text(lot().model_dump_json())
