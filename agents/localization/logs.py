@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from dohyo.agents.localization.localizer import Fix
+from dohyo.agents.localization.localizer import SAME_TIME_S, SLOWEST_STEP_S, Fix
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -99,7 +99,7 @@ def read_imu(path: Path) -> ImuLog:
     table = _without_early_samples(path, table)
     time, samples = table[:, 0], table[:, 1:]
     step = np.diff(time)
-    if np.median(step) > 0.2:
+    if np.median(step) > SLOWEST_STEP_S + SAME_TIME_S:
         hint = ": is t in milliseconds?" if np.median(step) > 1.0 else ""
         raise InvalidInputError(
             f"'{path}': expected samples at 5 Hz or faster, got one in {np.median(step):.3g} s{hint}"

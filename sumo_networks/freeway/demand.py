@@ -206,6 +206,8 @@ def check_incidents(road: FreewayRoad, scenario: FreewayScenario) -> None:
 def lane_at(road: FreewayRoad, incident: Incident) -> tuple[str, float]:
     """SUMO id of the lane that an incident blocks, and the position along the lane, m.
 
+    Behind the lane's end, inside a junction, it is the end.
+
     Raises:
         InvalidInputError: The incident lies beyond the segments, or on a lane that does not exist.
     """
@@ -219,4 +221,7 @@ def lane_at(road: FreewayRoad, incident: Incident) -> tuple[str, float]:
         raise InvalidInputError(
             f"incident at {incident.position_m:g} m: expected a lane from 0 to {max(lanes)}, got {incident.lane}"
         )
-    return lanes[incident.lane], max(along, 10.0)
+    lane = lanes[incident.lane]
+    length = float(road.network.lanes.length[road.network.lane_index[lane]])
+    end = math.floor(10.0 * length + 1e-6) / 10.0  # SUMO takes no place beyond the lane, and routes have tenths
+    return lane, min(max(along, 10.0), end)

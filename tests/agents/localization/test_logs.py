@@ -132,6 +132,12 @@ def with_nans(table: FloatArray) -> FloatArray:
     return table
 
 
+def test_five_samples_a_second_are_enough_also_with_the_time_since_1970(tmp_path: Path) -> None:
+    time = 1_600_000_000.0 + 0.2 * np.arange(200)
+    rest = np.tile([0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (len(time), 1))
+    assert len(read_imu(write(tmp_path / "imu.csv", IMU, np.column_stack([time, rest]))).time) == 200
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -93,6 +93,29 @@ def test_an_incident_of_a_drawn_day_always_has_its_lane(name: str) -> None:
     assert len({one.lane for one in drawn}) > 2
 
 
+@pytest.mark.parametrize("name", ["freeway", "a10"])
+def test_an_incident_inside_a_junction_stops_its_car_at_the_end_of_its_lane(name: str, tmp_path: Path) -> None:
+    road = load_freeway(name)
+    lanes, row = road.network.lanes, road.network.lane_index
+    ends = [road.tracks[f"{edge}_0"].start_m + lanes.length[row[f"{edge}_0"]] for edge in road.mainline.edges]
+    places = sorted(float(end) + beyond for end in ends for beyond in (-30.0, -0.06, -0.01, 0.005, 0.05, 0.2))
+    on_road = [place for place in places if 0 <= place < road.bounds_m[-1]]
+    assert len(on_road) > 15
+    day = Day(incidents=tuple(Incident(time_s=7 * 3600, duration_s=60, position_m=at, lane=0) for at in on_road))
+    scenario = FreewayScenario(network=name, duration_s=60, warm_up_s=0, day=day)
+    write_routes(road, scenario, draw_demand(road, scenario), tmp_path / "routes.xml")
+    stops = {wreck.attrib["id"]: wreck.find("stop") for wreck in ElementTree.parse(tmp_path / "routes.xml").getroot()}
+    for number, at in enumerate(on_road):
+        stop = stops[f"wreck{number}"]
+        assert stop is not None
+        length = float(lanes.length[row[stop.attrib["lane"]]])
+        along = max(road.edge_at(at)[1], 10.0)
+        assert float(stop.attrib["endPos"]) <= length
+        assert float(stop.attrib["endPos"]) == pytest.approx(min(along, length), abs=0.1)
+        if along < length - 0.1:
+            assert stop.attrib["endPos"] == f"{along:.1f}"
+
+
 def test_the_route_file_has_every_vehicle_and_the_incident(tmp_path: Path) -> None:
     incident = Incident(time_s=6.2 * 3600, duration_s=900, position_m=5000.0, lane=0)
     scenario = FreewayScenario(duration_s=900, day=Day(incidents=(incident,)))

@@ -176,6 +176,20 @@ def test_an_incident_blocks_its_lane(opened: Open) -> None:
     assert world.position_m[wreck] == pytest.approx(2500, abs=40)  # people do not stop to the metre
 
 
+def test_an_incident_inside_a_junction_blocks_the_lane_before_it(opened: Open) -> None:
+    """As a drawn one may be, on 20 of 11,400 m: SUMO ends where a stop is beyond its lane, once its car departs."""
+    road = load_freeway()
+    junction = road.tracks["m01_0"].start_m + float(road.network.lanes.length[road.network.lane_index["m01_0"]])
+    incident = Incident(time_s=5.6 * 3600, duration_s=600, position_m=junction + 0.2, lane=1)
+    quiet = Day(demand=0.05, incidents=(incident,))
+    simulation = opened(QUIET.model_copy(update={"day": quiet, "warm_up_s": 120.0}))
+    world = run(simulation, 60)[-1]
+    wreck = world.names.index("wreck0")
+    assert world.speed_mps[wreck] == 0
+    assert world.lane[wreck] == 1
+    assert world.position_m[wreck] == pytest.approx(junction, abs=40)
+
+
 def test_the_a10_is_a_freeway_too(opened: Open) -> None:
     simulation = opened(QUIET.model_copy(update={"network": "a10"}))
     world = run(simulation, 30)[-1]
