@@ -20,7 +20,7 @@ HTML = {"accept": "text/html"}
 
 @pytest.fixture
 def client(site: Site) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=site.origin, trust_env=False) as one:
+    with httpx.Client(base_url=site.origin, trust_env=False, timeout=120) as one:
         yield one
 
 
@@ -150,7 +150,7 @@ def test_a_browser_gets_errors_as_pages_and_a_program_as_documents(client: httpx
 
 def test_a_defect_tells_nothing_of_itself(site: Site) -> None:
     for headers in (HTML, {}):  # the server closes the connection after each
-        answer = httpx.get(site.origin + "/broken", headers=headers, trust_env=False)
+        answer = httpx.get(site.origin + "/broken", headers=headers, trust_env=False, timeout=120)
         assert answer.status_code == 500
         assert "secret" not in answer.text
 

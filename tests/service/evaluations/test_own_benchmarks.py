@@ -107,7 +107,9 @@ def test_agents_are_ranked_and_verified_on_an_uploaded_city(tmp_path: Path, monk
         assert served.ask("POST", f"/v1/episodes/{episode['id']}/verify")["same"]
         monkeypatch.setenv("DOHYO_HOME", str(tmp_path / "home"))
         take_along(served, tmp_path, episode["record_hash"])
-        refused = httpx.delete(f"{served.url}/v1/networks/city", headers={"authorization": f"Bearer {served.token}"})
+        refused = httpx.delete(
+            f"{served.url}/v1/networks/city", headers={"authorization": f"Bearer {served.token}"}, timeout=120
+        )
         assert_problem(refused, 409, "benchmark 'mine' of this service drives on network 'city'")
 
 
@@ -115,7 +117,7 @@ def take_along(served: Served, folder: Path, record_hash: str) -> None:
     """Imports the city and copies the benchmark elsewhere, by the service's answers alone; it drives the same there."""
     headers = {"authorization": f"Bearer {served.token}"}
     for path, name in (("networks/city/net", "city.net.xml.gz"), ("benchmarks/mine/file", "mine.toml")):
-        answer = httpx.get(f"{served.url}/v1/{path}", headers=headers)
+        answer = httpx.get(f"{served.url}/v1/{path}", headers=headers, timeout=120)
         assert answer.status_code == 200, answer.text
         (folder / name).write_bytes(answer.content)
     assert command("networks", "import", str(folder / "city.net.xml.gz"), "--name", "city").exit_code == 0

@@ -98,7 +98,9 @@ def test_a_spectator_sees_the_plan_of_a_driver_and_a_bad_plan_is_refused(served:
     def step(tick: int, plans: object) -> int:
         body = {"tick": tick, "actions": {"front": [0.0, 0.0]}, "plans": plans}
         headers = {"authorization": f"Bearer {seat['token']}"}
-        return httpx.post(f"{served.url}/v1/seats/{seat['seat']}/step", json=body, headers=headers).status_code
+        return httpx.post(
+            f"{served.url}/v1/seats/{seat['seat']}/step", json=body, headers=headers, timeout=120
+        ).status_code
 
     far = [[2000.0, 0.0]]
     for bad in ({"back": [[1.0, 0.0]]}, {"front": far}, {"front": [[1.0]]}, {"front": [[0.0, 0.0]] * 101}):
@@ -152,10 +154,10 @@ def test_a_spectator_that_reads_nothing_harms_no_one_and_strangers_see_nothing(s
     made = served.ask("POST", "/v1/tokens", {"owner": "stranger", "role": "organiser"})
     events = f"{served.url}/v1/worlds/{world}/events"
     for headers, status in ({"authorization": f"Bearer {made['token']}"}, 404), ({}, 401):
-        assert httpx.get(events, headers=headers).status_code == status
+        assert httpx.get(events, headers=headers, timeout=120).status_code == status
     served.ask("POST", f"/v1/worlds/{world}/end")
     for path in ("events", "replay"):
         answer = httpx.get(
-            f"{served.url}/v1/worlds/{world}/{path}", headers={"authorization": f"Bearer {served.token}"}
+            f"{served.url}/v1/worlds/{world}/{path}", headers={"authorization": f"Bearer {served.token}"}, timeout=120
         )
         assert answer.status_code == 409, answer.text

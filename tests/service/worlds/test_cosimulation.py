@@ -63,7 +63,7 @@ def test_a_pose_is_driven_and_a_lie_is_refused_and_a_wall_is_judged(client: Clie
         assert (refused.status_code, words in refused.json()["detail"]) == (422, True), refused.text
     nan = msgspec.msgpack.encode({"tick": 0, "actions": {"front": [math.nan] * 5}})
     headers = {"authorization": f"Bearer {plant['token']}", "content-type": "application/msgpack"}
-    refused = httpx.post(f"{client.url}/v1/seats/{plant['seat']}/step", content=nan, headers=headers)
+    refused = httpx.post(f"{client.url}/v1/seats/{plant['seat']}/step", content=nan, headers=headers, timeout=120)
     assert (refused.status_code, "finite" in refused.json()["detail"]) == (422, True)
     for tick in range(10):
         told = moved(at, 1.0)

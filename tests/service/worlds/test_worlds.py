@@ -150,7 +150,7 @@ def test_nobody_else_sees_a_world_and_no_owner_has_too_many(client: Client, serv
     assert stranger.join(world, "x", "front").status_code == 404
     assert helper.send("POST", f"/v1/worlds/{world}/pause").status_code == 403
     assert helper.seat(world, "x", "front")["tick"] == 0
-    assert httpx.get(f"{served.url}/v1/worlds/{world}").status_code == 401
+    assert httpx.get(f"{served.url}/v1/worlds/{world}", timeout=120).status_code == 401
     assert client.send("DELETE", f"/v1/tokens/{made['worker']['id']}").status_code == 204
     mine.until(world, lambda found: found["egos"][0]["driver"] is None)
     mine.world()
