@@ -6,6 +6,7 @@ routes, and in both SUMO itself measures edge by edge, so that Python reads no s
 
 from __future__ import annotations
 
+import math
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
@@ -18,15 +19,14 @@ import libsumo
 import numpy as np
 
 from dohyo.sumo_networks.arrays import FloatArray
-from dohyo.sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 from dohyo.sumo_networks.freeway.apart import Progress, drive_apart
-from dohyo.sumo_networks.freeway.demand import check_incidents, draw_demand, write_routes
+from dohyo.sumo_networks.freeway.demand import check_incidents, check_places, draw_demand, write_routes
 from dohyo.sumo_networks.freeway.drivers import KINDS, PROBE
 from dohyo.sumo_networks.freeway.measure import MINUTE_S
 from dohyo.sumo_networks.freeway.process import MESO, MICRO, start_sumo
 from dohyo.sumo_networks.freeway.road import FreewayRoad, load_freeway
 from dohyo.sumo_networks.freeway.scenario import FreewayScenario, Incident
-from dohyo.sumo_networks.simulation.process import failing_as_simulation_error
 
 Scale = Literal["meso", "micro"]
 CRAWL_MPS = 5.5
@@ -78,9 +78,13 @@ def drive_day(
         drawn: Whether the day was drawn: incidents too soon after the beginning of the warm-up are then left out.
 
     Raises:
-        InvalidInputError: An incident lies off the road, or too soon after the beginning of the warm-up (`micro`).
+        InvalidInputError: The duration is no whole number of minutes; or an incident lies off the road, or too soon
+            after the beginning of the warm-up (`micro`).
         SimulationError: SUMO failed, or another simulation of this process is open (`micro`).
     """
+    minutes = scenario.duration_s / MINUTE_S
+    if not math.isclose(minutes, max(round(minutes), 1)):  # 1.1 h is a little more than 66 minutes
+        raise InvalidInputError(f"a measured day: expected a duration of whole minutes, got {scenario.duration_s:g} s")
     if scale == "micro" and not drawn:
         check_incidents(load_freeway(scenario.network), scenario)
     drive = partial(_drive_and_measure, scenario, scale)
@@ -89,6 +93,7 @@ def drive_day(
 
 def _drive_and_measure(scenario: FreewayScenario, scale: Scale, progress: Progress) -> SpeedDay:
     road = load_freeway(scenario.network)
+    check_places(road, scenario.day.incidents)
     begin = max(scenario.start_s - scenario.warm_up_s, 0.0)
     minutes = round(scenario.duration_s / MINUTE_S)
     demand = draw_demand(road, scenario)
@@ -130,10 +135,13 @@ def _drive(road: FreewayRoad, scenario: FreewayScenario, scale: Scale, begin_s: 
     end = scenario.start_s + scenario.duration_s
     usual = {edge: libsumo.lane.getMaxSpeed(f"{edge}_0") for edge in road.mainline.edges}
     for time_s in np.arange(begin_s + MINUTE_S, end + MINUTE_S + 1, MINUTE_S):
-        with failing_as_simulation_error(int(time_s)):
+        try:
             if scale == "meso":
                 _slow_down(road, scenario.day.incidents, usual, float(time_s))
             libsumo.simulationStep(float(time_s))
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            minute = f"from {time_s - MINUTE_S:.0f} to {time_s:.0f} s since midnight"
+            raise SimulationError(f"SUMO failed in the minute {minute}: {error}") from error
         progress(min((time_s - begin_s) / (end - begin_s), 1.0))
 
 

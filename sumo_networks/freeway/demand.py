@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -189,8 +189,8 @@ def check_incidents(road: FreewayRoad, scenario: FreewayScenario) -> None:
             beginning; the message then says which warm-up is needed.
     """
     begin = max(scenario.start_s - scenario.warm_up_s, 0.0)
+    check_places(road, scenario.day.incidents)
     for incident in scenario.day.incidents:
-        lane_at(road, incident)
         approach = _approach_s(road, incident)
         departs = incident.time_s - approach
         if not departs < begin <= incident.time_s:
@@ -201,6 +201,16 @@ def check_incidents(road: FreewayRoad, scenario: FreewayScenario) -> None:
         raise InvalidInputError(
             f"incident at {incident.position_m:g} m: its car needs {approach:.0f} s to its place; expected {expected}"
         )
+
+
+def check_places(road: FreewayRoad, incidents: Iterable[Incident]) -> None:
+    """Checks that every incident has a lane.
+
+    Raises:
+        InvalidInputError: An incident lies beyond the segments, or on a lane that does not exist.
+    """
+    for incident in incidents:
+        lane_at(road, incident)
 
 
 def lane_at(road: FreewayRoad, incident: Incident) -> tuple[str, float]:

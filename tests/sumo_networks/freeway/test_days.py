@@ -98,6 +98,44 @@ def test_an_incident_too_soon_is_refused_in_micro_and_left_out_of_a_drawn_mornin
     assert np.array_equal(drawn.truth.speed_mps, without.truth.speed_mps, equal_nan=True)
 
 
+@pytest.mark.parametrize("scale", ["meso", "micro"])
+@pytest.mark.parametrize("drawn", [False, True])
+@pytest.mark.parametrize(
+    ("position_m", "lane", "message"),
+    [
+        (50_000.0, 1, r"incident at 50000 m: expected a position in \[0, 11401\) m"),
+        (-5000.0, 1, "incident at -5000 m: expected a position"),
+        (5000.0, 9, "incident at 5000 m: expected a lane from 0 to 3, got 9"),
+    ],
+)
+def test_an_incident_off_the_road_is_refused(
+    scale: Scale, drawn: bool, position_m: float, lane: int, message: str
+) -> None:
+    incident = Incident(time_s=MINUTE.start_s, duration_s=600, position_m=position_m, lane=lane)
+    with pytest.raises(InvalidInputError, match=message):
+        drive_day(MINUTE.model_copy(update={"day": Day(incidents=(incident,))}), scale, drawn=drawn)
+
+
+@pytest.mark.parametrize("duration_s", [1e-9, 20.0, 90.0])
+def test_a_day_has_whole_minutes(duration_s: float) -> None:
+    """Before, 20 s were a day without a minute, and the last of 90 s was demanded to its half."""
+    with pytest.raises(InvalidInputError, match=f"expected a duration of whole minutes, got {duration_s:g} s"):
+        drive_day(MINUTE.model_copy(update={"duration_s": duration_s}), "meso")
+    rounded = MINUTE.model_copy(update={"start_s": 3 * 3600.0, "duration_s": 31 / 60 * 3600})
+    assert rounded.duration_s % 60 > 0.0
+    assert len(drive_day(rounded, "meso").minute) == 31
+
+
+def test_a_failure_of_sumo_names_its_time_of_day(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_time_s: float) -> None:
+        raise libsumo.TraCIException("no road")
+
+    monkeypatch.setattr(libsumo, "simulationStep", fail)
+    with pytest.raises(SimulationError, match="in the minute from 21600 to 21660 s since midnight: no road"):
+        drive_day(MINUTE, "micro")
+    assert not libsumo.isLoaded()
+
+
 def test_a_process_drives_one_simulation_of_single_vehicles_at_a_time() -> None:
     libsumo.start(["sumo", "-n", str(dataset.load_freeway().network.path), "--no-step-log", "true"])
     with pytest.raises(SimulationError, match="another simulation of this process is still open"):
