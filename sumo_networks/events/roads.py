@@ -182,7 +182,7 @@ def conflicting_ways(network: RoadNetwork, route: Route, passage: Passage, sourc
                 *met,
                 _side(wrapped(there - heading)),
                 (own, connection) in network.gives_way_to,
-                _exit_edge(network, inside) == _exit_edge(network, int(connections.target[own])),
+                network.edge_behind(inside) == network.edge_behind(int(connections.target[own])),
             )
         )
     return sorted(found, key=lambda way: (-min(way.path_s, source_m), way.connection))
@@ -195,15 +195,6 @@ def _side(turn: float) -> str:
     if abs(turn) < 0.25 * math.pi:
         return "same"
     return "right" if turn > 0 else "left"
-
-
-def _exit_edge(network: RoadNetwork, lane: int) -> int:
-    while network.lanes.internal[lane]:
-        onward = network.connections_from(lane)
-        if not onward:
-            break
-        lane = int(network.connections.target[onward[0]])
-    return int(network.lanes.edge[lane])
 
 
 def crossing_after(network: RoadNetwork, route: Route, passage: Passage) -> float:

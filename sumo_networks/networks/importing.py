@@ -16,6 +16,7 @@ from pathlib import Path
 
 from dohyo.sumo_networks.config import toml_value
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import write_atomically
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.conversion.netconvert import (
     TIMEOUT_S,
@@ -171,6 +172,7 @@ def build_network(folder: Path, out: Path | None = None) -> Path:
 
     Raises:
         InvalidInputError: The folder does not exist, or netconvert rejects its content.
+        OSError: The net cannot be written; what was there stays.
     """
     config = folder / f"{folder.resolve().name}.netccfg"
     if not config.is_file():
@@ -179,7 +181,7 @@ def build_network(folder: Path, out: Path | None = None) -> Path:
     with tempfile.TemporaryDirectory(prefix="dohyo-build-") as work:
         built = Path(work) / "built.net.xml"
         run_netconvert(["-c", str(config.resolve()), "-o", str(built)], config, TIMEOUT_S)
-        out.write_bytes(without_comments(built.read_bytes()))
+        write_atomically(out, without_comments(built.read_bytes()))
     return out
 
 

@@ -53,7 +53,7 @@ def lights_at_bends(network: RoadNetwork) -> frozenset[str]:
     light = np.where(lit, network.signals.light[connections.signal], -1) if len(network.signals.light) else lit - 1
     for row, name in enumerate(network.signals.light_ids.tolist()):
         ways = {
-            (int(lanes.edge[connections.source[one]]), _leads_to(network, int(connections.target[one])))
+            (int(lanes.edge[connections.source[one]]), network.edge_behind(int(connections.target[one])))
             for one in np.flatnonzero(light == row).tolist()
         }
         if ways and len({source for source, _ in ways}) == len({target for _, target in ways}) == len(ways) <= 2:
@@ -83,10 +83,3 @@ def crossings_at(network: RoadNetwork, light: str) -> int:
     crossings = [str(lane) for lane in network.lanes.ids[network.lanes.crossing]]
     beginnings = tuple(f":{junction}_c" for junction in junctions_of(network, light))
     return sum(lane.startswith(beginnings) for lane in crossings) if beginnings else 0
-
-
-def _leads_to(network: RoadNetwork, lane: int) -> int:
-    """The first edge outside the junction that a lane of it leads to."""
-    while network.lanes.internal[lane] and network.connections_from(lane):
-        lane = int(network.connections.target[network.connections_from(lane)[0]])
-    return int(network.lanes.edge[lane])

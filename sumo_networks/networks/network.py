@@ -204,6 +204,17 @@ class RoadNetwork:
         """Indices of the connections out of a lane."""
         return range(int(self.connections.first[lane]), int(self.connections.first[lane + 1]))
 
+    def edge_behind(self, lane: int) -> int:
+        """The first edge outside a junction that a lane inside it leads to; of other lanes, their own.
+
+        Where lanes inside lead to each other for ever, which netconvert makes of no road, it is the last one's.
+        """
+        passed: set[int] = set()
+        while self.lanes.internal[lane] and lane not in passed and (onward := self.connections_from(lane)):
+            passed.add(lane)
+            lane = int(self.connections.target[onward[0]])
+        return int(self.lanes.edge[lane])
+
     def lane_point(self, lane: int, position: float) -> tuple[float, float, float]:
         """Point on a lane's centreline.
 

@@ -426,3 +426,15 @@ def test_drives_begin_on_long_lanes_of_roads() -> None:
     assert 0 < len(found) < len(lanes.ids)
     assert all(lanes.drivable[lane] and not lanes.internal[lane] and lanes.length[lane] > 40.0 for lane in found)
     assert set(lanes.longer_than(60.0)) < set(found)
+
+
+def test_a_lane_of_a_junction_leads_to_an_edge_also_where_lanes_lead_in_a_circle() -> None:
+    network = lit_crossing().network
+    lanes, connections = network.lanes, network.connections
+    inside = [int(lane) for lane in np.flatnonzero(lanes.internal) if network.connections_from(int(lane))]
+    for lane in inside:
+        assert not str(lanes.edge_ids[network.edge_behind(lane)]).startswith(":")
+    target = connections.target.copy()
+    target[network.connections_from(inside[0])[0]] = inside[0]
+    circle = dataclasses.replace(network, connections=dataclasses.replace(connections, target=target))
+    assert circle.edge_behind(inside[0]) == lanes.edge[inside[0]]
