@@ -178,17 +178,22 @@ def _make_in_processes(missing: list[DayOrder], folder: Path, workers: int, tell
 
 def _make_unless_interrupted(day: DayOrder, folder: Path) -> None:
     """Makes a day in a process of a pool, which SIGTERM and Ctrl-C end; what it has begun to write is removed."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    before = {number: signal.signal(number, _interrupt) for number in _ENDS}
     try:
         _make(day, folder)
     except KeyboardInterrupt:
         os._exit(INTERRUPTED)  # the pool would give it the next day
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    signal.signal(number, signal.SIG_IGN)  # the pool sends it once more to all when one of them has ended
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    for number in _ENDS:  # Ctrl-C comes to all, then SIGTERM from the pool, and once more when one of them has ended
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 

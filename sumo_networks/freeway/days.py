@@ -7,6 +7,7 @@ routes, and in both SUMO itself measures edge by edge, so that Python reads no s
 from __future__ import annotations
 
 import math
+import shutil
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
@@ -87,31 +88,39 @@ def drive_day(
         raise InvalidInputError(f"a measured day: expected a duration of whole minutes, got {scenario.duration_s:g} s")
     if scale == "micro" and not drawn:
         check_incidents(load_freeway(scenario.network), scenario)
-    drive = partial(_drive_and_measure, scenario, scale)
-    return drive(progress) if scale == "micro" else drive_apart(drive, progress)
+    with tempfile.TemporaryDirectory(prefix="dohyo-day-") as folder:
+        drive = partial(_drive_and_measure, scenario, scale, Path(folder))
+        return drive(progress) if scale == "micro" else drive_apart(drive, progress)
 
 
-def _drive_and_measure(scenario: FreewayScenario, scale: Scale, progress: Progress) -> SpeedDay:
+def _drive_and_measure(scenario: FreewayScenario, scale: Scale, folder: Path, progress: Progress) -> SpeedDay:
+    """Drives a day with files in a folder, which it removes: the process that made it may have been killed."""
+    try:
+        return _measured(scenario, scale, folder, progress)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _measured(scenario: FreewayScenario, scale: Scale, folder: Path, progress: Progress) -> SpeedDay:
     road = load_freeway(scenario.network)
     check_places(road, scenario.day.incidents)
     begin = max(scenario.start_s - scenario.warm_up_s, 0.0)
     minutes = round(scenario.duration_s / MINUTE_S)
     demand = draw_demand(road, scenario)
     seed = int(np.random.SeedSequence(scenario.seed).spawn(6)[5].generate_state(1)[0] % 2**31)
-    with tempfile.TemporaryDirectory(prefix="dohyo-day-") as folder:
-        routes, detectors = Path(folder) / "day.rou.xml", Path(folder) / "day.add.xml"
-        if scale == "meso":
-            calm = scenario.model_copy(update={"day": scenario.day.model_copy(update={"incidents": ()})})
-            write_routes(road, calm, demand, routes, MESO_JAM_FACTOR)
-        else:
-            write_routes(road, scenario, demand, routes)
-        detectors.write_text(_detectors(scenario, Path(folder)), encoding="utf-8")
-        start_sumo(road.network.path, [routes, detectors], begin, seed, MESO if scale == "meso" else MICRO)
-        try:
-            _drive(road, scenario, scale, begin, progress)
-        finally:
-            libsumo.close()
-        truth, probes = (_read(road, Path(folder) / f"{group}.xml", scenario.start_s, minutes) for group in _GROUPS)
+    routes, detectors = folder / "day.rou.xml", folder / "day.add.xml"
+    if scale == "meso":
+        calm = scenario.model_copy(update={"day": scenario.day.model_copy(update={"incidents": ()})})
+        write_routes(road, calm, demand, routes, MESO_JAM_FACTOR)
+    else:
+        write_routes(road, scenario, demand, routes)
+    detectors.write_text(_detectors(scenario, folder), encoding="utf-8")
+    start_sumo(road.network.path, [routes, detectors], begin, seed, MESO if scale == "meso" else MICRO)
+    try:
+        _drive(road, scenario, scale, begin, progress)
+    finally:
+        libsumo.close()
+    truth, probes = (_read(road, folder / f"{group}.xml", scenario.start_s, minutes) for group in _GROUPS)
     return SpeedDay(scenario.start_s / MINUTE_S + np.arange(minutes, dtype=np.float64), truth, probes)
 
 

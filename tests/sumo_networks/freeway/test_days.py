@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,8 +20,9 @@ from dohyo.sumo_networks.freeway import dataset
 from dohyo.sumo_networks.freeway.apart import drive_apart
 from dohyo.sumo_networks.freeway.dataset import DatasetRequest, day_orders, make_dataset
 from dohyo.sumo_networks.freeway.days import Measured, Scale, SpeedDay, drive_day
-from dohyo.sumo_networks.freeway.scenario import Day, FreewayScenario, Incident
+from dohyo.sumo_networks.freeway.scenario import DAY_S, Day, FreewayScenario, Incident
 from dohyo.sumo_networks.scenario import Mission, Place, Scenario, Traffic
+from tests import forked
 from tests.conftest import Start
 
 MORNING = FreewayScenario(seed=3, start_s=6 * 3600, duration_s=2.5 * 3600, warm_up_s=600)
@@ -168,6 +170,56 @@ def test_a_process_that_dies_is_one_clear_error() -> None:
 
 def _die(_progress: object) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+DAY = f"""if True:
+    import tempfile
+    from dohyo.sumo_networks.freeway.days import drive_day
+    from dohyo.sumo_networks.freeway.scenario import FreewayScenario
+
+    scenario = FreewayScenario.model_validate_json({FreewayScenario(start_s=0.0, duration_s=DAY_S).model_dump_json()!r})
+    tempfile.tempdir = None  # that of the server of `forked` was another one
+    drive_day(scenario, "meso", lambda share: print(share, flush=True))
+"""
+DAYS = """if True:
+    from pathlib import Path
+    from dohyo.sumo_networks.freeway.dataset import DatasetRequest, make_dataset
+
+    make_dataset(DatasetRequest(days=4, easy=0, hard=0), Path("days"), workers=2)
+"""
+
+
+def families(pid: int) -> list[int]:
+    """A process and those below it."""
+    try:
+        tasks = [task.read_text().split() for task in Path(f"/proc/{pid}/task").glob("*/children")]
+    except OSError:
+        tasks = []
+    return [pid, *(one for below in tasks for each in below for one in families(int(each)))]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_day_that_is_interrupted_leaves_no_files(number: signal.Signals, tmp_path: Path) -> None:
+    """Neither where its process is interrupted, nor where the process that waits for it is killed."""
+    process = forked.Python(DAY, env=os.environ | {"TMPDIR": str(tmp_path)})
+    process.wait_for(lambda: "0.0" in process.output())
+    assert list(tmp_path.glob("dohyo-day-*"))
+    assert process.end(number) != 0
+    ends = time.monotonic() + (0.0 if number == signal.SIGINT else 60.0)
+    while left := list(tmp_path.glob("dohyo-day-*")):
+        assert time.monotonic() < ends, left
+        time.sleep(0.05)
+
+
+def test_days_that_ctrl_c_interrupts_in_all_processes_leave_no_files(tmp_path: Path) -> None:
+    """A terminal sends SIGINT to all processes, and the one that waits for them sends SIGTERM to its own."""
+    process = forked.Python(DAYS, cwd=tmp_path, env=os.environ | {"TMPDIR": str(tmp_path)})
+    process.wait_for(lambda: len(list(tmp_path.glob("dohyo-day-*/truth.xml"))) == 2)  # both are at work
+    for pid in families(process.pid):
+        os.kill(pid, signal.SIGINT)
+    assert process.end() != 0
+    assert not list(tmp_path.glob("dohyo-day-*"))
+    assert not list(tmp_path.rglob("*.parquet"))
 
 
 # The dataset. What drives a day is replaced: its files are what is looked at.
