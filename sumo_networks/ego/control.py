@@ -108,7 +108,10 @@ class PedalsSteering(Control):
 
 
 class AccelerationSteering(Control):
-    """(2,) acceleration in [-8, 4] m/s^2, steering in [-1, 1] of full lock, left positive."""
+    """(2,) acceleration in [-8, 4] m/s^2, steering in [-1, 1] of full lock, left positive.
+
+    Accelerations up to 0.12 m/s^2, the rolling resistance, do not move a car that stands.
+    """
 
     space = Box(np.array([-8, -1], np.float32), np.array([4, 1], np.float32))
 
@@ -132,7 +135,7 @@ class SpeedPid:
         self._integral = 0.0
 
     def drive(self, target: float, speed: float) -> float:
-        """Demanded drive, m/s^2; full braking to stand still at a target of 0."""
+        """Demanded drive, m/s^2; at a target of 0 it brakes by 3 m/s^2 below 0.5 m/s, and keeps the car there."""
         if target < 0.05 and speed < 0.5:
             self._integral = 0.0
             return -3.0

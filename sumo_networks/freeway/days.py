@@ -31,7 +31,12 @@ from dohyo.sumo_networks.freeway.scenario import FreewayScenario, Incident
 
 Scale = Literal["meso", "micro"]
 CRAWL_MPS = 5.5
-"""Speed past an incident in meso, where no vehicle can block a lane, m/s: about 75 % of the flow passes."""
+"""Speed past an incident in meso, where no vehicle can block a lane, m/s: about 75 % of the flow passes.
+
+An incident acts in whole minutes, from up to a minute before its time. An edge with an incident on a day may have other
+traffic all day: SUMO computes exit times anew whenever its speed is set, each minute. To set it at changes alone would
+make the days of the benchmarks others.
+"""
 
 MESO_JAM_FACTOR = 0.55
 """Factor on standing gaps in meso: with this value queues have stop-and-go waves; with more they are uniform."""

@@ -18,7 +18,10 @@ from dohyo.sumo_networks.portable_math import exp
 
 SLICE_S = 60.0
 APPROACH_MPS = 28.0
-"""Assumed speed of a car on its way to the place of its breakdown, m/s."""
+"""Assumed speed of a car on its way to the place of its breakdown, m/s.
+
+In free flow cars are faster and stop up to a minute before the expected time; behind a queue, minutes after it.
+"""
 
 NIGHT = 0.10
 """Smallest demand, as a share of the peak's."""

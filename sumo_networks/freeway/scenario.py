@@ -18,10 +18,11 @@ INCIDENTS_PER_DAY = 0.25
 class Incident(Config):
     """A vehicle that breaks down and blocks its lane.
 
-    Its car departs in time to arrive at 28 m/s. Behind a queue it arrives later, in congested traffic by minutes.
+    Its car departs in time to arrive at 28 m/s. In free flow it stops up to a minute before the expected time, behind a
+    queue minutes after it.
 
     Attributes:
-        time_s: Earliest time of the breakdown, s since midnight.
+        time_s: Expected time of the breakdown, s since midnight.
         duration_s: Time for which the lane is blocked, from the stop of the car on, s.
         position_m: Position from the start of the first segment, m.
         lane: Number of the lane from the left, 0 the leftmost.

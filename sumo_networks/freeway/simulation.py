@@ -90,7 +90,8 @@ class FreewaySimulation:
             speeds: Target speeds of connected vehicles by name, m/s; a vehicle reaches its target as its acceleration
                 and its leader allow.
             accelerations: Accelerations of connected vehicles in this tick by name, m/s^2, within the same limits.
-                A vehicle without a command drives like a human.
+                A vehicle without a command drives like a human; a command that ends acts until the driver's next
+                decision, up to 0.5 s later.
 
         Raises:
             InvalidInputError: A vehicle is not on the road, not connected or commanded twice; or a speed is negative or
