@@ -15,12 +15,14 @@ from dohyo.sumo_networks.parking import kart
 from dohyo.sumo_networks.parking.radar import Kind
 from dohyo.sumo_networks.parking.rows import LotView
 from dohyo.sumo_networks.parking.rules import Outcome
-from dohyo.sumo_networks.parking.tables import FREE, KIND, OUTCOME, TARGET, WALK_RADIUS, WALK_X, WALK_Y
+from dohyo.sumo_networks.parking.tables import FREE, KIND, OUTCOME, TARGET, WALK_RADIUS, WALK_SPEED, WALK_X, WALK_Y
 
 SIZE: Final = 480
 _FINE: Final = 2
 """Pictures are drawn larger and made smaller, for smooth edges."""
 _MARGIN_M: Final = 3.0
+_EDGE_MARGIN_M: Final = 0.5
+"""Least distance of corners from the edge of the picture; that of centres and ends of walls is `_MARGIN_M`."""
 _SAND, _GROUND, _LINE, _CAR, _WALL = "#FAF8F4", "#E9E5DC", "#B9B3A6", "#9AA3AF", "#1F2328"
 _TARGET, _WALKER = "#2E7D5B", "#B7791F"
 KARTS: Final = ("#5B4B8A", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6B7280")
@@ -79,11 +81,19 @@ def _corners(box: FloatArray) -> FloatArray:
     return np.asarray(box[:2] + local @ np.array([[cos, sin], [-sin, cos]]))
 
 
+def _edges(view: LotView) -> FloatArray:
+    """(P, 2) corners of spots and boxes, and corners around the discs of pedestrians at both ends of their ways."""
+    ends, radius = view.walkers[:, :WALK_SPEED].reshape(-1, 2), view.walkers[:, WALK_RADIUS].repeat(2)[:, None]
+    corners = [_corners(box) for box in (*view.spots, *view.boxes)]
+    return np.concatenate([ends - radius, ends + radius, *corners])
+
+
 def _placing(view: LotView, pixels: int, ways: Sequence[FloatArray] = ()) -> Any:
     """A function from (P, 2) points in the lot to pixels, so that everything in the lot and every way is seen."""
-    ends = [view.walls.reshape(-1, 2), view.spots[:, :2], view.boxes[:, :2], view.karts[:, [kart.X, kart.Y]], *ways]
-    points = np.concatenate(ends)
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    centres = [view.walls.reshape(-1, 2), view.spots[:, :2], view.boxes[:, :2], view.karts[:, [kart.X, kart.Y]], *ways]
+    points, edges = np.concatenate(centres), _edges(view)
+    low = np.min([*(points - _MARGIN_M), *(edges - _EDGE_MARGIN_M)], axis=0)
+    high = np.max([*(points + _MARGIN_M), *(edges + _EDGE_MARGIN_M)], axis=0)
     scale = pixels / float((high - low).max())
     offset = 0.5 * (pixels - scale * (high + low))
 

@@ -13,7 +13,7 @@ from dohyo.sumo_networks.ego.control import InvalidActionError
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 from dohyo.sumo_networks.parking.env import ParkingEnv
 from dohyo.sumo_networks.parking.generate import Scene
-from dohyo.sumo_networks.parking.lot import Pose
+from dohyo.sumo_networks.parking.lot import Block, Lot, Pedestrian, Pose, Spot
 from dohyo.sumo_networks.parking.rules import ALIGNED, JUDGED, SIMPLE
 from dohyo.sumo_networks.parking.vector_env import Level, ParkingVectorEnv
 from tests.sumo_networks.parking.lots import REST, lot_of
@@ -133,6 +133,25 @@ def test_pictures_show_the_kart_where_it_is():
         ParkingEnv(render_mode="human")
     with pytest.raises(UnknownNameError, match="no state named 'x'"):
         ParkingEnv(state="x")  # type: ignore[arg-type]  # what a caller may give
+
+
+def test_pictures_show_long_blocks_and_the_ways_of_pedestrians_to_their_ends():
+    """In a lot without walls, which end the picture elsewhere."""
+    lot = Lot(
+        blocks=(Block(x_m=0, y_m=10, length_m=60, width_m=1),),
+        spots=(Spot(x_m=0, y_m=5, heading_rad=0, length_m=5, width_m=2.5),),
+        karts=(Pose(x_m=0, y_m=-5),),
+        pedestrians=(Pedestrian(x0_m=20, y0_m=-1, x1_m=20, y1_m=-40, speed_mps=3.0),),
+    )
+    env = ParkingEnv(lot, render_mode="rgb_array")
+    env.reset()
+    block = (env.render() < 60).all(axis=2)
+    assert block.any(axis=0).sum() == pytest.approx(480 * 60 / 61, abs=2)
+    for _ in range(125):
+        env.step({"kart-0": np.array([0.0, 0.0, 1.0])})
+    walker = (np.abs(env.render().astype(int) - [183, 121, 31]) < 20).all(axis=2)
+    assert 5 < walker.sum() < 40
+    assert np.flatnonzero(walker.any(axis=1)).min() > 400  # far to the south of where it began
 
 
 def test_rows_of_a_lot_are_a_group_and_wait_for_its_reset():
