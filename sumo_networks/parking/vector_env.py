@@ -12,6 +12,7 @@ from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.envs.array_vector_env import ArrayVectorEnv
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.parking.generate import DAY_TICKS, Scene
+from dohyo.sumo_networks.parking.limits import most_karts
 from dohyo.sumo_networks.parking.observation import State, action_space, columns, observation_space
 from dohyo.sumo_networks.parking.rules import ALIGNED, Outcome, Rules
 from dohyo.sumo_networks.parking.world import ParkingWorld
@@ -63,6 +64,7 @@ class ParkingVectorEnv(ArrayVectorEnv):
         """
         self.world, self.levels, self._level = ParkingWorld(lots, karts), tuple(levels), level
         self._check_level(level)
+        _check_karts(karts, self.levels)
         super().__init__(lots * karts, observation_space(state), action_space(), DAY_TICKS, MEASURES, karts)
         self._columns = columns(state)
         self._actions = np.zeros((lots * karts, 3))
@@ -106,3 +108,10 @@ class ParkingVectorEnv(ArrayVectorEnv):
         if not 0 <= level < len(self.levels):
             raise InvalidInputError(f"expected a level below {len(self.levels)}, got {level}")
         return self.levels[level]
+
+
+def _check_karts(karts: int, levels: Sequence[Level]) -> None:
+    for level in levels:
+        name = Scene(level.scene).name.lower()
+        if karts > (most := most_karts(name)):
+            raise InvalidInputError(f"expected at most {most} karts with a level of the scene '{name}', got {karts}")

@@ -183,3 +183,11 @@ def test_an_unknown_level_and_no_lots_are_refused():
         envs.reset(options={"level": 1})
     with pytest.raises(InvalidInputError, match="at least one lot"):
         ParkingVectorEnv(0, [Level(Scene.SIMPLE)])
+
+
+def test_a_number_of_karts_that_a_level_cannot_have_is_refused_at_once():
+    levels = [Level(Scene.COMPLEX), Level(Scene.PARALLEL)]
+    ParkingVectorEnv(1, levels, karts=5).reset(seed=0, options={"level": 1})
+    ParkingVectorEnv(1, levels[:1], karts=8).reset(seed=0)
+    with pytest.raises(InvalidInputError, match="at most 5 karts with a level of the scene 'parallel', got 6"):
+        ParkingVectorEnv(1, levels, karts=6)
