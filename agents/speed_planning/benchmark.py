@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from dohyo.agents.forecasting.registry import CHECKPOINTS
+from dohyo.agents.learning.files.card import digest
+from dohyo.agents.speed_planning import acc, buffer
 from dohyo.agents.speed_planning.study.dissipation import Arm, Morning, SetPoints, buffer_policy, segment_speeds
 from dohyo.agents.speed_planning.study.mornings import ARMS, drive_morning, morning_place
 from dohyo.agents.studies.arms import Cell
@@ -155,8 +157,12 @@ def untouched_folder(benchmark: TrafficBenchmark, versions: Mapping[str, str]) -
 def _own_folder(out: Path, facts: AgentFacts, forecaster: str, versions: Mapping[str, str]) -> Path:
     """Folder of a controller's runs: other settings, code or weights never go on with its mornings."""
     network = Path(forecaster) if Path(forecaster).suffix else CHECKPOINTS / f"{forecaster}.onnx"
-    weights = hashlib.sha256(network.read_bytes()).hexdigest() if network.is_file() else ""
+    weights = digest(network) if network.is_file() else ""
     decides = {"settings": facts.settings, "sources": facts.sha256, "weights": weights, "versions": dict(versions)}
+    given = PlannerSettings(**facts.settings)
+    learned = {"buffer": (given.design, buffer.CHECKPOINT), "set_points": (given.set_points, acc.CHECKPOINT)}
+    # Only what is used: all other folders keep their names.
+    decides |= {part: digest(path) for part, (chosen, path) in learned.items() if chosen == "learned"}
     return out / "runs" / content_hash(decides)[:16]
 
 

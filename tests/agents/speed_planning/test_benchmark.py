@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
+from dohyo.agents.speed_planning import acc, benchmark, buffer
 from dohyo.agents.speed_planning.benchmark import controller, evaluate_controller, morning_of, untouched_folder
 from dohyo.agents.speed_planning.study.dissipation import Morning
 from dohyo.agents.studies.study import ROWS
 from dohyo.evaluation.freeway.benchmark import TrafficBenchmark, load_freeway_benchmark
 from dohyo.evaluation.freeway.result import RESULT
-from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 
 @pytest.fixture
@@ -56,6 +58,45 @@ def test_mistakes_are_told_before_anything_is_driven(
     with pytest.raises(InvalidInputError, match=message):
         evaluate_controller(dissipation, name, settings, [0], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "used", "unused"),
+    [
+        ({"design": "learned", "forecast": "persistence"}, buffer, acc),
+        ({"forecast": "persistence", "set_points": "learned"}, acc, buffer),
+    ],
+)
+def test_mornings_of_other_weights_lie_in_another_folder(
+    settings: dict[str, Any],
+    used: ModuleType,
+    unused: ModuleType,
+    dissipation: TrafficBenchmark,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folders: list[Path] = []
+
+    def driven(folder: Path, arm: str, *_: object) -> None:
+        folders.append(folder)
+        if arm != benchmark.NOBODY:
+            raise SimulationError("enough")
+
+    def replaced(module: ModuleType) -> None:
+        retrained, weights = tmp_path / module.CHECKPOINT.name, bytearray(module.CHECKPOINT.read_bytes())
+        weights[-4] ^= 1  # the last bit of a number
+        retrained.write_bytes(weights)
+        monkeypatch.setattr(module, "CHECKPOINT", retrained)
+
+    monkeypatch.setattr(benchmark, "_drive", driven)
+    for module in (None, unused, used):
+        if module is not None:
+            replaced(module)
+        with pytest.raises(SimulationError, match="enough"):
+            evaluate_controller(dissipation, "speed-planner", settings, [0], tmp_path / "out")
+    _, first, _, same, _, other = folders
+    assert first == same, "weights that it does not use"
+    assert first != other
 
 
 @pytest.mark.slow
