@@ -89,11 +89,11 @@ class Lab:
         if facts.exists() and json.loads(facts.read_text())["of"] == self._learned_from:
             return load_forecaster(path)
         began = time.process_time()
-        forecaster = self._trained(variant, seed)
+        forecaster, steps = self._trained(variant, seed)
         seconds = round(time.process_time() - began, 1)
         forecaster.save(path)
-        origin = {"of": self._learned_from, "seconds": seconds, "data_sha256": self._data_digest, **_session()}
-        write_atomically(facts, json.dumps(origin).encode())
+        origin = {"of": self._learned_from, "seconds": seconds, "steps": steps, "data_sha256": self._data_digest}
+        write_atomically(facts, json.dumps(origin | _session()).encode())
         return forecaster
 
     def measures(self, forecaster: Forecaster, name: str) -> Iterator[dict[str, float]]:
@@ -117,29 +117,38 @@ class Lab:
                 if np.isfinite(table[day, row])
             }
 
-    def _trained(self, variant: Variant, seed: int) -> Forecaster:
-        """Trains one; the n-step starts from the one-step of its seed, intervals from the n-step."""
+    def _trained(self, variant: Variant, seed: int) -> tuple[Forecaster, list[int]]:
+        """Trains one, and counts the steps of each phase, which patience may end early.
+
+        The n-step starts from the one-step of its seed, intervals from the n-step.
+        """
         settings = TrainSettings(depth=variant.depth, weight=variant.weight, steps=self.steps, seed=seed)
-        # Patience counts validations, so their interval grows with the length.
+        # Patience counts validations: their interval grows with the arm's length, and not with the study's steps.
         settings = replace(
             settings, steps=variant.length * settings.steps, validate_every=variant.length * settings.validate_every
         )
         forecaster = make_forecaster(variant.name, len(self.data.segments), self.data.step_s, settings)
         train, validation = self.windows["train"], self.windows["validation"]
         first = self.forecaster(variant.first, seed) if variant.first else None
+        taken: dict[int, int] = {}
+
+        def count(done: int, _of: int, _error: float) -> None:
+            before = (done - 1) // settings.steps
+            taken[before] = done - before * settings.steps
+
         if isinstance(forecaster, Learned) and isinstance(forecaster.network, NStep):
             assert first is not None
             start_from(forecaster, first)
             scale = forecaster.scale
-            train_network(forecaster.network, train, validation, scale, forecaster.free_mps, settings, first=1)
+            train_network(forecaster.network, train, validation, scale, forecaster.free_mps, settings, count, first=1)
         elif isinstance(forecaster, Quantiles):
             assert isinstance(first, Learned)
             forecaster.network.middle.load_state_dict(first.network.state_dict())
             forecaster.scale, forecaster.free_mps = first.scale, first.free_mps
             forecaster.learn_ends(train, validation)
         else:
-            forecaster.fit(train, validation)
-        return forecaster
+            forecaster.fit(train, validation, count)
+        return forecaster, list(taken.values())
 
 
 def _intervals(forecaster: Quantiles, windows: Windows) -> dict[str, FloatArray]:

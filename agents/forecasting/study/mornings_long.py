@@ -1,8 +1,9 @@
-"""Study `forecasting-mornings-long`: arms of `forecasting-mornings` with four times the updates.
+"""Study `forecasting-mornings-long`: arms of `forecasting-mornings` with at most four times the updates.
 
     python -m dohyo.agents.studies forecasting-mornings-long run --set data=DIR
 
-It tells which verdicts of that study are about networks that had learned all they could.
+It tells which verdicts of that study are about networks that had learned all they could. "At most", since validations
+are as many steps apart as in that study, so that patience may end a phase before its last one.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def claims() -> list[Claim]:
     """Those of `forecasting-mornings` between these arms."""
     arms = set(LONG.values())
     some = [one for one in mornings.claims() if {one.left, one.right} <= arms]
-    return [replace(one, told=f"{one}, 4 x the updates") for one in some]
+    return [replace(one, told=f"{one}, at most 4 x the updates") for one in some]
 
 
 judged = judging(claims(), interval=dense_estimate)
@@ -58,13 +59,13 @@ def section(results: Results) -> str:
     if not results.rows:
         return ""
     rows = [[told, *(cell(results, arm, HARD, row) for row in AHEAD)] for told, arm in LONG.items()]
-    table = markdown(["Hard, 4 x the updates", *(f"t+{row}" for row in AHEAD)], rows)
+    table = markdown(["Hard, at most 4 x the updates", *(f"t+{row}" for row in AHEAD)], rows)
     return "\n\n".join((scale(results), table, verdicts(results, judged(results))))
 
 
 STUDY: Final = replace(
     mornings.STUDY,
-    summary="six of these forecasters with four times the updates",
+    summary="six of these forecasters with at most four times the updates",
     options=Options,
     tables={"mornings-long": section},
     judged=judged,

@@ -50,7 +50,7 @@ def test_every_claim_is_of_arms_and_all_have_equal_updates() -> None:
     ("kind", "section", "told"),
     [
         (mornings, mornings.section, "| SA-LSTM | 4.52 |"),
-        (mornings_long, mornings_long.section, "n-step < recursive at t+3, balanced, 4 x the updates"),
+        (mornings_long, mornings_long.section, "n-step < recursive at t+3, balanced, at most 4 x the updates"),
     ],
 )
 def test_the_rows_of_a_run_make_the_tables(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dohyo.agents.forecasting import training
 from dohyo.agents.forecasting.data.reading import read_data
 from dohyo.agents.forecasting.learned import Learned
 from dohyo.agents.forecasting.registry import SIMPLE, load_forecaster, make_forecaster
 from dohyo.agents.forecasting.study import lab, study, tables
-from dohyo.agents.forecasting.study.arms import Variant
+from dohyo.agents.forecasting.study.arms import PHASES, Variant
 from dohyo.agents.forecasting.study.lab import SHIPPED, Lab, start_from
 from dohyo.agents.learning.files.card import digest, read_card
 from dohyo.agents.studies.arms import TRAININGS, Cell
@@ -55,6 +57,21 @@ def test_the_n_step_starts_from_the_one_step_of_its_seed(small: Lab) -> None:
     start_from(forecaster, first)
     rows = np.random.default_rng(0).uniform(5, 30, (8, 4))
     np.testing.assert_allclose(forecaster.predict(rows)[0], first.predict(rows)[0], rtol=1e-5)
+
+
+def test_it_keeps_how_many_steps_each_phase_took(small: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fresh = Lab(small.data, tmp_path, steps=40)
+    monkeypatch.setattr(training, "validation_error", lambda *_: 1.0)  # nothing is ever better than at first
+    for variant in (Variant("linear"), Variant("sa-lstm", 3), Variant("sa-lstm-n-step", 3)):
+        fresh.forecaster(variant, 0)
+    kept = {path.stem: json.loads(path.read_text())["steps"] for path in tmp_path.glob("*.training.json")}
+    assert kept["linear-0.training"] == []
+    assert kept["sa-lstm-lap3-0.training"] == [40]
+    assert kept["sa-lstm-n-step-lap3-0.training"] == [40] * (PHASES - 1)
+    long = Lab(small.data, tmp_path / "long", steps=800)
+    long.forecaster(Variant("lstm"), 0)
+    (facts,) = long.folder.glob("*.training.json")
+    assert json.loads(facts.read_text())["steps"] == [225], "three falls of the rate, each after three validations"
 
 
 @pytest.mark.parametrize("arm", ["sa-lstm-quantiles", "sa-lstm-n-step-lap3", "lstm-mse"])
