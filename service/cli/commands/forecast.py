@@ -46,10 +46,10 @@ Trust = Annotated[
 ]
 DayFirst = Annotated[
     bool | None,
-    typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2026. [default: by all dates]"),
+    typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2026; default: by all dates."),
 ]
 Learn = Annotated[
-    str | None, typer.Option(help="Days of a folder to learn from: train, or its mornings. [default: train]")
+    str | None, typer.Option(help="Days of a folder to learn from: train, or its mornings; default: train.")
 ]
 FigureFile = Annotated[
     Path | None, typer.Option(help="Write a figure, *.html; a PNG beside it with chromium and playwright.")
@@ -75,7 +75,7 @@ def fit(
     figure: FigureFile = None,
     depth: Annotated[int, typer.Option(min=-1, max=4, help="Depth of the Laplacian pyramid loss; -1: none.")] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Most optimiser steps in each phase.")] = 600,
-    batch: Annotated[int | None, typer.Option(min=0, help="Windows per step; 0: all. [default: by width]")] = None,
+    batch: Annotated[int | None, typer.Option(min=0, help="Windows per step; 0: all; default: by width.")] = None,
     rate: Annotated[float, typer.Option(min=1e-6, help="First learning rate.")] = 0.01,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     json: Json = False,

@@ -92,13 +92,13 @@ def localize(
     ] = None,
     filter_: Annotated[str, typer.Option("--filter", help="es-ekf, ekf, ukf or imu.")] = "es-ekf",
     sigma: Annotated[
-        float | None, typer.Option(min=0.001, help="Standard deviation of a fix without its own, m. [default: 2.1]")
+        float | None, typer.Option(min=0.001, help="Standard deviation of a fix without its own, m; default: 2.1.")
     ] = None,
     alpha: Annotated[
-        float | None, typer.Option(min=0.0, max=0.99, help="Low-pass coefficient; 0: no filter. [default: 0.6]")
+        float | None, typer.Option(min=0.0, max=0.99, help="Low-pass coefficient; 0: no filter; default: 0.6.")
     ] = None,
     standing: Annotated[
-        float | None, typer.Option(min=0.3, help="Seconds for which the vehicle stands at the start. [default: 3]")
+        float | None, typer.Option(min=0.3, help="Seconds for which the vehicle stands at the start; default: 3.")
     ] = None,
     calibrate: Annotated[bool, typer.Option(help="Measure the IMU's offsets while the vehicle stands.")] = True,
     smoother: Annotated[

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -14,7 +15,7 @@ import pytest
 
 from dohyo.service.cli.command_table import COMMANDS
 from dohyo.service.cli.commands import benchmark_list
-from dohyo.service.cli.lazy import Command, Group
+from dohyo.service.cli.lazy import Command, Group, LazyCommand
 
 ROOT = Path(__file__).parents[3]
 SLOW = ("torch", "scipy", "sqlalchemy", "libsumo", "numba")
@@ -86,6 +87,14 @@ def test_every_command_is_where_the_table_says_and_says_the_same(words: str, com
     module, _, function = command.at.partition(":")
     found = getattr(import_module(f"dohyo.service.cli.commands.{module}"), function)
     assert " ".join((found.__doc__ or "").partition("\n\n")[0].split()) == command.help
+
+
+@pytest.mark.parametrize(
+    ("words", "command"), list(leaves(COMMANDS)), ids=lambda given: str(given) * isinstance(given, str)
+)
+def test_no_help_text_has_a_bracket_that_rich_takes_for_markup_and_leaves_out(words: str, command: Command) -> None:
+    texts = [getattr(one, "help", None) or "" for one in LazyCommand(words, command).load().params]
+    assert [text for text in texts if re.search(r"\[[a-z#/@]", text)] == []
 
 
 def test_the_version_is_the_packages(tmp_path: Path) -> None:
