@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from dohyo.agents.driving import decisions
+from dohyo.agents.learning.files.card import digest
 from dohyo.agents.priboot import measurements
 from dohyo.agents.priboot.measurements import BlockTime, measured
 from dohyo.agents.priboot.priboot import Priboot
@@ -82,7 +83,11 @@ def record_moments(order: MomentRequest, out: Path, progress: Callable[[int], No
         raise InvalidInputError(f"expected obstacles or a learner, got both, '{order.obstacles}' and '{order.learner}'")
     if order.samples < 1 or order.egos < 1 or order.every_s < TICK_S or order.episode_s < WAYPOINTS * WAYPOINT_S:
         raise InvalidInputError(f"expected samples, egos, and times of a tick and two seconds at least, got {order}")
+    demonstrator(order.demonstrator).close()
     document = {name: value for name, value in asdict(order).items() if name != "samples"}
+    if order.learner:
+        _learner(order).close()
+        document["learner_sha256"] = digest(Path(order.learner))
     claim_folder(out, {"schema": SCHEMA_VERSION, **document})
     moments = 0
     for episode in count():
@@ -144,7 +149,16 @@ def disturbance(order: MomentRequest, scenario: Scenario, ego: int) -> Disturban
         return Halts(rng)
     if not order.learner:
         return Bursts(rng)
-    return Takeovers(make_agent(resolve("priboot"), {"policy": order.learner}), scenario.missions[ego], rng)
+    return Takeovers(_learner(order), scenario.missions[ego], rng)
+
+
+def _learner(order: MomentRequest) -> Agent:
+    """The agent whose mistakes are recorded.
+
+    Raises:
+        InvalidInputError: Its file is no policy.
+    """
+    return make_agent(resolve("priboot"), {"policy": order.learner})
 
 
 def _generator(scenario: Scenario, ego: int) -> np.random.Generator:

@@ -77,11 +77,15 @@ def test_routes_may_have_obstacles_and_nothing_else() -> None:
     assert len(events) > len(scenario(dataclasses.replace(ORDER, egos=4), "town-train", 0).events)
 
 
-def test_obstacles_that_are_unknown_or_come_with_a_learner_are_refused(tmp_path: Path) -> None:
+def test_an_order_that_cannot_be_recorded_claims_no_folder(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="obstacles named 'walls'"):
         record_moments(dataclasses.replace(ORDER, obstacles="walls"), tmp_path)
     with pytest.raises(InvalidInputError, match="got both, 'doors' and 'a'"):
         record_moments(dataclasses.replace(ORDER, obstacles="doors", learner="a"), tmp_path)
+    with pytest.raises(UnknownNameError, match="autopiolt"):
+        record_moments(dataclasses.replace(ORDER, demonstrator="autopiolt"), tmp_path)
+    with pytest.raises(InvalidInputError, match=r"missing\.onnx"):
+        record_moments(dataclasses.replace(ORDER, learner=str(tmp_path / "missing.onnx")), tmp_path)
     assert not list(tmp_path.iterdir())
 
 
