@@ -89,9 +89,10 @@ def test_compose_keeps_the_data_and_runs_the_demo_of_make() -> None:
 def test_no_secret_is_built_into_the_image_or_committed() -> None:
     """What hosting.md has people make beside compose.yaml: settings, data, keys."""
     left_out = set((ROOT / ".dockerignore").read_text().split())
-    assert left_out >= {"**/.env*", "certificates", "dohyo-data", "**/*.pem", ".git"}
-    assert set((ROOT / ".gitignore").read_text().split()) >= {".env*", "/certificates/", "dohyo-data/"}
+    assert left_out >= {"**/.env*", "service.env", "certificates", "dohyo-data", "**/*.pem", ".git"}
+    assert set((ROOT / ".gitignore").read_text().split()) >= {".env*", "/service.env", "/certificates/", "dohyo-data/"}
     document = yaml.safe_load((ROOT / "compose.yaml").read_text())
+    assert document["services"]["serve"]["env_file"] == [{"path": "service.env", "required": False}]
     kept = [one.partition(":")[0] for name in ("serve", "proxy") for one in document["services"][name]["volumes"]]
     assert set(kept) == set(document["volumes"]), "Caddy's keys and the data lie in volumes, not in this folder"
 
