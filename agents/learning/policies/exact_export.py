@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -130,42 +130,63 @@ class _Products(nn.Module):
         self.weight = nn.Parameter((weight[:, :, None] if self.flat else weight).detach())
         self.bias = None if bias is None else nn.Parameter(bias.detach())
         self.stride = (1, *convolution.stride)[-2:]
-        padding = convolution.padding
-        assert not isinstance(padding, str)
-        self.padding = (0, *padding)[-2:]
+        self.dilation = (1, *convolution.dilation)[-2:]
+        self.groups = convolution.groups
+        self.padding = _sides(convolution.padding, self.weight.shape[-2:], self.dilation)
+        self.padded = "constant" if convolution.padding_mode == "zeros" else convolution.padding_mode
 
     def forward(self, maps: Tensor) -> Tensor:
         """As the convolution."""
         planes = maps[:, :, None] if self.flat else maps
-        (top, left), (down, right) = self.padding, self.stride
-        planes = nn.functional.pad(planes, (left, left, top, top))
-        tall, wide = self.weight.shape[-2:]
-        height = (planes.shape[-2] - tall) // down + 1
-        width = (planes.shape[-1] - wide) // right + 1
+        if any(self.padding):
+            planes = nn.functional.pad(planes, self.padding, mode=self.padded)
+        parts = zip(planes.chunk(self.groups, 1), self.weight.chunk(self.groups), strict=True)
+        out = torch.cat([self._product(part, weight) for part, weight in parts], dim=1)
+        out = out if self.bias is None else out + self.bias[:, None, None]
+        return out[:, :, 0] if self.flat else out
+
+    def _product(self, planes: Tensor, weight: Tensor) -> Tensor:
+        """(B, O, H, W) of (B, I, H', W') padded planes and (O, I, h, w) weights."""
+        (down, right), (lower, wider) = self.stride, self.dilation
+        tall, wide = weight.shape[-2:]
+        height = (planes.shape[-2] - lower * (tall - 1) - 1) // down + 1
+        width = (planes.shape[-1] - wider * (wide - 1) - 1) // right + 1
+        rows, columns = down * (height - 1) + 1, right * (width - 1) + 1
         places = [
-            planes[:, :, y : y + down * (height - 1) + 1 : down, x : x + right * (width - 1) + 1 : right].flatten(2)
-            for y in range(tall)
-            for x in range(wide)
+            planes[:, :, y : y + rows : down, x : x + columns : right].flatten(2)
+            for y in range(0, lower * tall, lower)
+            for x in range(0, wider * wide, wider)
         ]
-        kernel = self.weight.permute(0, 2, 3, 1).flatten(1)
+        kernel = weight.permute(0, 2, 3, 1).flatten(1)
         out: Tensor = kernel @ torch.cat(places, dim=1)
-        out = out if self.bias is None else out + self.bias[:, None]
-        return out if self.flat else out.reshape(-1, len(kernel), height, width)
+        return out.reshape(-1, len(kernel), height, width)
+
+
+def _sides(padding: str | Sequence[int], kernel: Sequence[int], dilation: Sequence[int]) -> tuple[int, int, int, int]:
+    """Padding on the left, right, top and bottom; "same" puts what is odd on the right and at the bottom."""
+    if isinstance(padding, str):
+        whole = [0 if padding == "valid" else step * (size - 1) for size, step in zip(kernel, dilation, strict=True)]
+        (top, bottom), (left, right) = ((one // 2, one - one // 2) for one in whole)
+        return left, right, top, bottom
+    top, left = (0, *padding)[-2:]
+    return left, left, top, top
 
 
 class _Normalisation(nn.Module):
-    """A layer normalisation of vectors in plain operations: ONNX Runtime's own gives other digits than torch's."""
+    """A layer normalisation in plain operations: ONNX Runtime's own gives other digits than torch's."""
 
     def __init__(self, layer: nn.LayerNorm) -> None:
         super().__init__()
         self.weight, self.bias, self.epsilon = layer.weight, layer.bias, layer.eps
+        self.over = tuple(range(-len(layer.normalized_shape), 0))
 
-    def forward(self, vectors: Tensor) -> Tensor:
+    def forward(self, values: Tensor) -> Tensor:
         """As the normalisation."""
-        apart = vectors - vectors.mean(-1, keepdim=True)
-        spread = torch.sqrt((apart * apart).mean(-1, keepdim=True) + self.epsilon)
-        out: Tensor = apart / spread * self.weight + self.bias
-        return out
+        apart = values - values.mean(self.over, keepdim=True)
+        out = apart / torch.sqrt((apart * apart).mean(self.over, keepdim=True) + self.epsilon)
+        if self.weight is not None:
+            out = out * self.weight
+        return out if self.bias is None else out + self.bias
 
 
 def of_doubles(module: nn.Module) -> nn.Module:
@@ -176,8 +197,7 @@ def of_doubles(module: nn.Module) -> nn.Module:
 def _with_products(module: nn.Module) -> nn.Module:
     """The module with its convolutions as products; every layer with weights takes doubles."""
     for name, child in module.named_children():
-        plain = isinstance(child, nn.Conv1d | nn.Conv2d) and child.groups == 1 and set(child.dilation) == {1}
-        replaced = _Products(child) if plain else child  # type: ignore[arg-type]
+        replaced = _Products(child) if isinstance(child, nn.Conv1d | nn.Conv2d) else child
         setattr(module, name, _Normalisation(child) if isinstance(child, nn.LayerNorm) else _with_products(replaced))
     if any(True for _ in module.parameters(recurse=False)):
         module.register_forward_pre_hook(_double)

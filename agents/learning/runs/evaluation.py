@@ -18,11 +18,27 @@ from dohyo.agents.learning.runs.run import RunStoppedError
 from dohyo.agents.learning.tasks.task import Array, Environments, Task
 from dohyo.evaluation.statistics import Estimate, mean_estimate, share_estimate
 from dohyo.sumo_networks.arrays import BoolArray
-from dohyo.sumo_networks.errors import SimulationError
+from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
 
 logger = logging.getLogger(__name__)
 
 COLUMNS = ("updates", "episodes", "return", "return_low", "return_high", "success", "success_low", "success_high")
+
+
+def columns_of(task: Task) -> tuple[str, ...]:
+    """Columns of a task's evaluations.csv after the step.
+
+    Raises:
+        InvalidInputError: A measure of the task has the name of another column.
+    """
+    names = (*COLUMNS, "length", *task.measures)
+    twice = {name for name in names if names.count(name) > 1} | ({"steps"} & set(names))
+    if twice:
+        raise InvalidInputError(
+            f"task '{task.name}': expected measures with names of their own, got {', '.join(sorted(twice))}"
+        )
+    return names
+
 
 Acting = Callable[[TensorDict], Array]
 """Policy without exploration: observations by name (N,) -> (N, ...) actions in the action space."""

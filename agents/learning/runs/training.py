@@ -22,7 +22,7 @@ from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.learning.policies.exact_export import export_exact
 from dohyo.agents.learning.policies.export import Exportable
 from dohyo.agents.learning.runs.config import RunConfig
-from dohyo.agents.learning.runs.evaluation import COLUMNS, evaluate
+from dohyo.agents.learning.runs.evaluation import columns_of, evaluate
 from dohyo.agents.learning.runs.off_policy_config import OffPolicyRunConfig
 from dohyo.agents.learning.runs.run import FREE, Run, RunStoppedError, Stop, TaskRun
 from dohyo.agents.learning.runs.trainer import TrainRequest
@@ -90,6 +90,7 @@ def train_task(make_learner: MakeLearner, task: Task, settings: RunConfig, reque
         RunStoppedError: See `train`.
         SimulationError: See `train`.
     """
+    columns_of(task)  # refuses names that another column has, before there is a folder
     if task.alone and not settings.processes and settings.environments > 1:
         raise InvalidInputError(
             f"task '{task.name}': a process can hold only one of its environments: expected processes of at least 1 "
@@ -219,7 +220,7 @@ class _Session:
         run.add_table("metrics", self._learner.columns)
         # An evaluation at the checkpoint's own step may be later than it, and is then repeated.
         evaluated = int(run.state["last"].get("steps", -1)) if run.state is not None else None
-        run.add_table("evaluations", (*COLUMNS, "length", *self._task.measures), evaluated)
+        run.add_table("evaluations", columns_of(self._task), evaluated)
         run.add_table("timing", ("wall_s", "steps_per_s"))
         self._start()
         while True:

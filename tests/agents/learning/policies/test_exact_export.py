@@ -62,6 +62,47 @@ def test_it_is_the_policy_to_five_decimals(exported):
     assert OnnxPolicy(path).of_batch(seen) == pytest.approx(own, abs=1e-5)
 
 
+class Behind(nn.Module):
+    """What follows some layers that see the camera."""
+
+    def __init__(self, layers):
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, observation):
+        return torch.tanh(self.layers(as_float(observation["camera"])).flatten(1)[:, :2])
+
+    def facts(self):
+        return {}
+
+
+LAYERS = {
+    "normalised over a map": nn.Sequential(nn.Conv2d(3, 4, 3), nn.LayerNorm([4, 18, 15])),
+    "normalised over a line": nn.LayerNorm(17),
+    "normalised without weights": nn.LayerNorm([20, 17], elementwise_affine=False),
+    "normalised without bias": nn.LayerNorm(17, bias=False),
+    "replicated": nn.Conv2d(3, 2, 3, padding=1, padding_mode="replicate"),
+    "reflected": nn.Conv2d(3, 2, 3, padding=(2, 1), padding_mode="reflect"),
+    "same": nn.Conv2d(3, 2, 4, padding="same"),
+    "valid": nn.Conv2d(3, 2, 4, padding="valid"),
+    "dilated": nn.Conv2d(3, 2, (3, 2), stride=2, padding="valid", dilation=(2, 3)),
+    "dilated and the same": nn.Conv2d(3, 2, (2, 3), padding="same", dilation=(3, 2)),
+    "grouped": nn.Conv2d(3, 6, 3, stride=2, padding=1, groups=3),
+}
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_layers_of_every_kind_are_exported_as_they_are(name, tmp_path):
+    policy, seen = Behind(LAYERS[name]), observations(20)
+    for parameter in policy.parameters():
+        torch.nn.init.uniform_(parameter, -0.5, 0.5, generator=torch.Generator().manual_seed(7))
+    export_exact(policy, (SPACE, ACTIONS), tmp_path / "policy", {})
+    with torch.no_grad():
+        own = policy({name: torch.from_numpy(array) for name, array in seen.items()}).numpy()
+    assert np.ptp(own) > 0.05
+    assert OnnxPolicy(tmp_path / "policy.onnx").of_batch(seen) == pytest.approx(own, abs=2e-5)
+
+
 def test_torch_and_onnx_runtime_and_any_batch_give_the_same_bits(exported):
     """Their kernels add in other orders, as those of two processors do."""
     policy, path = exported
