@@ -130,8 +130,8 @@ class Study(Generic[O]):
         if not cells:
             raise InvalidInputError("expected arms, trainings and benchmarks of the study, got a choice without cells")
         given, earlier = options.model_dump(mode="json"), read_results(out)
-        before = earlier.facts.get("options", given)
-        if _defaults(self.options) | before != given:  # rows from before there was an option had its default
+        before = _defaults(self.options) | earlier.facts.get("options", given)  # older rows had an option's default
+        if earlier.rows and before != given:
             raise InvalidInputError(f"'{out}' has rows of other options: expected {before}; choose another --out")
         if others := {*earlier.versions} - {here := version("dohyo")}:
             raise InvalidInputError(

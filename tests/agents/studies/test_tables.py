@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from importlib.metadata import version
@@ -22,6 +23,7 @@ from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
 TEXT = "before\n<!-- begin a -->\nold\n<!-- end a -->\nbetween\n<!-- begin b -->\nkept\n<!-- end b -->\nafter\n"
 NO_ROWS = "*No rows yet.*"
+LINE = '{"arm": "rules", "training_seed": null, "benchmark": "elsewhere", "scenario": "m01", "seed": 0}\n'
 UNSTORED = "**The rows of the tables below are not stored**"
 
 
@@ -136,8 +138,18 @@ def test_the_tables_of_all_studies_leave_a_page_without_stored_rows_alone(
 
 def test_rows_of_other_options_are_refused(tmp_path: Path) -> None:
     (tmp_path / "facts.json").write_text('{"options": {"runs": "elsewhere"}}')
+    (tmp_path / "rows.jsonl").write_text(LINE)
     with pytest.raises(InvalidInputError, match=r"has rows of other options: expected {'runs': 'elsewhere'}"):
         main(["ghrl", "run", "--arms", "rules", "--only", "precrash", "--out", str(tmp_path)])
+
+
+def test_options_of_a_call_that_made_no_row_bind_no_later_one(tmp_path: Path) -> None:
+    study = study_named("ghrl")
+    with pytest.raises(InvalidInputError, match="stopped"):
+        replace(study, work=stopped).run(tmp_path, ["runs=mistyped"], chosen=lambda cell: cell.arm == "rules")
+    replace(study, work=one_row).run(tmp_path, ["runs=right"], chosen=lambda cell: cell.arm == "rules")
+    facts = read_results(tmp_path).facts
+    assert (facts["options"], len(facts["sessions"])) == ({"runs": "right"}, 1)
 
 
 def test_rows_of_another_version_are_told_and_not_gone_on_with(tmp_path: Path) -> None:
@@ -155,7 +167,9 @@ def test_rows_of_another_version_are_told_and_not_gone_on_with(tmp_path: Path) -
 
 
 def test_rows_from_before_there_was_an_option_had_its_default(tmp_path: Path) -> None:
-    (tmp_path / "facts.json").write_text('{"options": {}}')
+    sessions = [{"versions": {"dohyo": version("dohyo")}}]
+    (tmp_path / "facts.json").write_text(json.dumps({"options": {}, "sessions": sessions}))
+    (tmp_path / "rows.jsonl").write_text(LINE)
     study = replace(study_named("ghrl"), work=one_row)
     with pytest.raises(InvalidInputError, match="has rows of other options"):
         study.run(tmp_path, ["runs=elsewhere"], chosen=lambda cell: cell.arm == "rules")
