@@ -255,6 +255,20 @@ def test_what_cannot_be_trained_leaves_no_run_behind(tmp_path):
     assert not (tmp_path / "config.toml").exists()
 
 
+@pytest.mark.parametrize("measures", [("return",), ("steps",), ("distance", "distance")])
+def test_a_measure_with_the_name_of_a_column_is_refused(measures, tmp_path):
+    """It would stand where the return does, and choose the best policy."""
+
+    class Misnamed(Point):
+        pass
+
+    Misnamed.measures = measures
+    settings = RunConfig(tensorboard=False, processes=0, device="cpu")
+    with pytest.raises(InvalidInputError, match=rf"measures with names of their own, got {measures[0]}"):
+        train_task(lambda collector, run: None, Misnamed(), settings, TrainRequest("toy", tmp_path, False, no_report))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(("processes", "environments", "fits"), [(0, 2, False), (0, 1, True), (1, 2, True)])
 def test_a_task_that_needs_a_process_for_each_environment_has_one(processes, environments, fits, tmp_path):
     def made(collector, run):
