@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.agent import agent_info, note_files
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.families import OtherFamilyError
 from dohyo.evaluation.parking.agent import make_parking_agent
@@ -35,6 +35,7 @@ def evaluate_parking(
     workers: int = 1,
     tell: Tell = lambda done, total: None,
     act_deadline_s: float = ACT_DEADLINE_S,
+    note: Callable[[str], None] = lambda text: None,
 ) -> list[ParkingRecord]:
     """Drives an agent in the lots of a benchmark; a second call drives the missing lots and writes the missing files.
 
@@ -48,6 +49,7 @@ def evaluate_parking(
         workers: Number of processes.
         tell: Called with the number of lots driven and of all lots.
         act_deadline_s: Wall-clock time allowed for one decision, s.
+        note: Called with one line for each file among the settings that the records do not name.
 
     Raises:
         InvalidInputError: A lot comes twice, the agent cannot be made, or the folder is in use, holds another
@@ -60,7 +62,7 @@ def evaluate_parking(
             f"benchmark '{benchmark.name}': expected every lot once, got {len(chosen)} seeds of {len(set(chosen))} lots"
         )
     try:
-        info = _info(entry, settings, kind)
+        info = _info(entry, settings, kind, note)
     except OtherFamilyError as error:
         raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
     if (out / "evaluation.json").exists() or (out / "result.json").exists():
@@ -114,10 +116,13 @@ def drive_again(
     return [drive.record.record_hash for drive in drives]
 
 
-def _info(entry: str, settings: Mapping[str, Any], kind: Kind) -> AgentInfo:
+def _info(
+    entry: str, settings: Mapping[str, Any], kind: Kind, note: Callable[[str], None] = lambda text: None
+) -> AgentInfo:
     """Description of an agent, which is made for it."""
     agent = make_parking_agent(entry, settings)
     try:
+        note_files(agent, settings, note)  # type: ignore[arg-type]  # it reads the name alone
         return agent_info(agent, entry, settings, kind)  # type: ignore[arg-type]  # it reads the spec alone
     finally:
         close_agents([agent])

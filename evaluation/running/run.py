@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.agent import agent_info, close_agent, make_agent
+from dohyo.evaluation.agent import agent_info, close_agent, make_agent, note_files
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs
@@ -70,6 +70,7 @@ def run_benchmark(
     progress: Callable[[EpisodeRecord | None, int, int], None] = lambda record, done, total: None,
     preparing: Callable[[int, int], None] = lambda done, total: None,
     reverse: bool = False,
+    note: Callable[[str], None] = lambda text: None,
 ) -> Result:
     """Evaluates agents; a second call with the same arguments drives only the missing episodes.
 
@@ -90,6 +91,7 @@ def run_benchmark(
         progress: Function called with each finished record (None at the start), the number done, and the total.
         preparing: Function called while missing logs are made, with the number done and the total.
         reverse: Whether to drive the scenarios in reverse order; the records are the same.
+        note: Function called with one line for each file among the settings that the records do not name.
 
     Raises:
         InvalidInputError: An unknown name, an agent that cannot be made, a mission that cannot be driven, or a folder
@@ -99,7 +101,7 @@ def run_benchmark(
     """
     if isinstance(benchmark, str):
         benchmark = load_benchmark(benchmark)
-    given = {REST: _described(agents, settings, kind, benchmark)} if isinstance(agents, str) else agents
+    given = {REST: _described(agents, settings, kind, benchmark, note)} if isinstance(agents, str) else agents
     seeds = seeds if seeds is not None else benchmark.seeds
     everything = benchmark.scenarios(seeds)
     infos = assign(given, (mission.name for scenario in everything for mission in scenario.missions))
@@ -178,15 +180,34 @@ def assign(agents: Mapping[str, AgentInfo], missions: Iterable[str]) -> dict[str
     return {name: agents[name] if name in agents else agents[REST] for name in names}
 
 
-def _described(entry: str, settings: Mapping[str, Any] | None, kind: Kind, benchmark: Benchmark) -> AgentInfo:
+def describe_driver(
+    entry: str, settings: Mapping[str, Any] | None, kind: Kind, note: Callable[[str], None]
+) -> AgentInfo:
+    """Description of an agent that drives; it is made for it. Files that it does not name are noted.
+
+    Raises:
+        InvalidInputError: The agent cannot be made.
+        OtherFamilyError: It does not drive cars.
+    """
+    agent = make_agent(entry, settings)
     try:
-        agent = make_agent(entry, settings)
-    except OtherFamilyError as error:
-        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
-    try:
+        note_files(agent, settings, note)
         return agent_info(agent, entry, settings, kind)
     finally:
         close_agent(agent)
+
+
+def _described(
+    entry: str,
+    settings: Mapping[str, Any] | None,
+    kind: Kind,
+    benchmark: Benchmark,
+    note: Callable[[str], None],
+) -> AgentInfo:
+    try:
+        return describe_driver(entry, settings, kind, note)
+    except OtherFamilyError as error:
+        raise InvalidInputError(f"benchmark '{benchmark.name}': {error}") from error
 
 
 def _claim(out: Path, manifest: Manifest) -> Manifest:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dohyo.agents.registry import describe_agent, kind_of, resolve
-from dohyo.evaluation.families import Family, check_family
+from dohyo.agents.registry import kind_of, resolve
 from dohyo.evaluation.meetings import meetings
 from dohyo.evaluation.records.mixed import agents_of
 from dohyo.evaluation.records.record import AgentInfo, EpisodeRecord
-from dohyo.evaluation.running.run import REST
+from dohyo.evaluation.running.run import REST, describe_driver
 from dohyo.evaluation.summary import Summary, as_document
 from dohyo.service.cli.by_agent import unique_names
-from dohyo.service.cli.output import console, print_rows
+from dohyo.service.cli.output import console, print_error, print_rows
 from dohyo.sumo_networks.errors import InvalidInputError
 
 
@@ -45,8 +44,7 @@ def describe_agents(agents: Mapping[str, str]) -> dict[str, AgentInfo]:
     made: dict[str, AgentInfo] = {}
     for name in dict.fromkeys(agents.values()):
         entry = resolve(name)
-        made[name] = describe_agent(entry, {}, kind_of(entry, {}))
-        check_family(made[name].name, made[name].control, Family.DRIVING)
+        made[name] = describe_driver(entry, {}, kind_of(entry, {}), print_error)
     return {mission: made[name] for mission, name in agents.items()}
 
 

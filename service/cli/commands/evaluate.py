@@ -36,7 +36,7 @@ from dohyo.service.cli.commands.freeway import evaluate_on_freeway
 from dohyo.service.cli.commands.parking import evaluate_on_parking
 from dohyo.service.cli.failures import end_driving
 from dohyo.service.cli.mixed import describe_agents, parse_agents, print_meetings, scores_document
-from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_json, print_part
+from dohyo.service.cli.output import Json, console, print_cells, print_comparison, print_error, print_json, print_part
 from dohyo.service.cli.own_modules import find_own_modules
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.cli.seeds import parse_seeds
@@ -120,6 +120,7 @@ def evaluate(
             progress=lambda record, done, total: bar(done, total, _note(record)),
             preparing=lambda done, total: bar(done, total, "logs of the recorded runs"),
             reverse=reverse,
+            note=print_error,
         )
     (_print_document if json else _print_tables)(result)
     end_driving(result)

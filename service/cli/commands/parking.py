@@ -26,7 +26,7 @@ from dohyo.evaluation.parking.record import RECORDS, ParkingRecord, read_records
 from dohyo.evaluation.parking.result import MEASURES, summarise_parking
 from dohyo.service.cli.by_agent import names_in_report
 from dohyo.service.cli.failures import end_parking
-from dohyo.service.cli.output import console, interval, print_json, print_part, print_rows
+from dohyo.service.cli.output import console, interval, print_error, print_json, print_part, print_rows
 from dohyo.service.cli.progress import ProgressBar
 from dohyo.service.cli.trust import check_trusted
 from dohyo.service.parking.interface import POLICY as PARKER
@@ -54,7 +54,7 @@ def evaluate_on_parking(
     with ProgressBar(f"{agent} on {found.name}", hidden=as_json) as tell:
         kind = kind_of(entry, dict(settings))
         order = (found, entry, settings, kind, seeds, folder, workers, tell)
-        records = evaluate_parking(*order, act_deadline_s=deadline_s)
+        records = evaluate_parking(*order, act_deadline_s=deadline_s, note=print_error)
     if as_json:
         print_json(_document(found.name, records))
     else:

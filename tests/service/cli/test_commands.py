@@ -104,6 +104,58 @@ def test_evaluate_prints_one_json_document(evaluated: tuple[Path, Any]) -> None:
     assert (out / "evaluation.json").exists()
 
 
+READS_WEIGHTS = """
+from pathlib import Path
+
+import numpy as np
+
+from dohyo.evaluation.agent import Agent, AgentSpec
+
+
+class Unnamed(Agent):
+    spec = AgentSpec(name="unnamed", sensors=("speedometer",), control="lane_command")
+
+    def __init__(self, weights: str = "weights.txt"):
+        self.speed = float(Path(weights).read_text())
+
+    def reset(self, mission, seed):
+        pass
+
+    def act(self, observation):
+        return np.array([self.speed, 0.0])
+
+
+class Named(Unnamed):
+    def __init__(self, weights: str = "weights.txt"):
+        super().__init__(weights)
+        self.files = (weights,)
+"""
+
+
+def test_evaluate_tells_of_weights_that_records_do_not_name(
+    short: Path, tmp_path: Path, here: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own_weights.py").write_text(READS_WEIGHTS)
+    (tmp_path / "weights.txt").write_text("6.0")
+    monkeypatch.chdir(tmp_path)
+    order = ("--benchmark", str(short), "--seeds", "0", "--workers", "1")
+    note = "dohyo: agent 'unnamed': setting 'weights' is a file that its record does not name; list it in `files`"
+
+    unnamed = here("evaluate", "--agent", "own_weights:Unnamed", *order, "--json")
+    document(unnamed)
+    assert unnamed.stderr.count(note) == 1, "the file is the default"
+    wrapped = ("--set", "weights=weights.txt", "--set", "shield=rss", "--only", "nothing")
+    assert note in here("evaluate", "--agent", "own_weights:Unnamed", *order, *wrapped).stderr.replace("+rss", "")
+    several = here("evaluate", "--agent", "along=own_weights:Unnamed", *order, "--out", "mixed", "--only", "nothing")
+    assert note in several.stderr
+
+    named = here("evaluate", "--agent", "own_weights:Named", *order, "--set", "weights=weights.txt", "--out", "named")
+    assert (named.returncode, named.stderr) == (0, "")
+    (tmp_path / "weights.txt").write_text("7.0")
+    again = here("evaluate", "--agent", "own_weights:Named", *order, "--set", "weights=weights.txt", "--out", "named")
+    assert (again.returncode, "choose another --out" in again.stderr) == (2, True)
+
+
 def test_verify_proves_a_record_and_tells_a_changed_world(evaluated: tuple[Path, Any], here: Call) -> None:
     record = evaluated[1]["drives"][0]["record"]
     told = document(here("verify", record, "--trust", "--json"))
