@@ -54,7 +54,8 @@ def run(
 
     Raises:
         UnknownNameError: A name is not in the edition.
-        InvalidInputError: An entrant cannot be made, or `rows` has rows of another edition or version of dohyo.
+        InvalidInputError: An entrant cannot be made, or `rows` has rows of another edition or version of dohyo, or rows
+            of a chosen evaluation in another file than its rows.jsonl.
         SimulationError: SUMO failed.
     """
     folder = rows or out
@@ -63,10 +64,24 @@ def run(
         check_entrant(entrant)
     with held(folder, "league"):
         check_version(folder, read_league_rows(edition, folder))  # before hours of driving
+        _check_files(folder, edition, chosen)
         for discipline, entrant in chosen:
             place, began = out / discipline.name / entrant.folder, surroundings()
             with tell(discipline, entrant) as progress:
                 _replace(folder, edition, _evaluated(discipline, entrant, place, workers, progress), began)
+
+
+def _check_files(folder: Path, edition: Edition, chosen: Sequence[tuple[Discipline, Entrant]]) -> None:
+    """Refuses evaluations whose rows lie in another file of the folder, since `_replace` leaves that as it is."""
+    for path in sorted(folder.glob("*.jsonl")):
+        rows = [] if path.name == ROWS else read_league_rows(edition, path)
+        there = {(row["benchmark"], row["arm"]) for row in rows}
+        for discipline, entrant in chosen:
+            if (discipline.name, entrant.name) in there:
+                raise InvalidInputError(
+                    f"'{path}' has rows of {entrant.name} in {discipline.name}: expected them in {ROWS}; "
+                    "move them there, or choose other entrants or another folder"
+                )
 
 
 def _evaluated(discipline: Discipline, entrant: Entrant, out: Path, workers: int, progress: Progress) -> list[Row]:
@@ -106,11 +121,11 @@ def chosen_of(
 def _replace(folder: Path, edition: Edition, rows: Sequence[Row], began: Mapping[str, Any]) -> None:
     """Writes the rows of one evaluation in the place of earlier ones, and where and when they were begun.
 
-    The same rows again keep what is told of them.
+    The same rows again keep what is told of them. Other files of the folder stay as they are.
     """
     path, facts = folder / ROWS, folder / FACTS
     mine = (rows[0]["benchmark"], rows[0]["arm"])
-    stored = read_league_rows(edition, folder)
+    stored = read_league_rows(edition, path) if path.exists() else []
     kept = [row for row in stored if (row["benchmark"], row["arm"]) != mine]
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(path, "".join(json.dumps(row) + "\n" for row in (*kept, *rows)).encode())

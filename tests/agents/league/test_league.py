@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dohyo.agents.league import evaluating, league, localization
-from dohyo.agents.league.edition import Edition, read_edition
+from dohyo.agents.league.edition import Discipline, Edition, Entrant, read_edition
 from dohyo.agents.league.figures import Driver, drivers, front, label_places, profiles
 from dohyo.agents.league.page import page
 from dohyo.agents.league.rows import check_version, read_comparable_rows
@@ -437,6 +437,37 @@ def test_a_run_keeps_no_rows_that_it_cannot_read(tmp_path: Path, edition: Path) 
         league.run(read_edition(edition), tmp_path, disciplines=["lots"])
     assert (tmp_path / "rows.jsonl").read_text() == "torn"
     assert not (tmp_path / "lots").exists()
+
+
+def evaluated_as(monkeypatch: pytest.MonkeyPatch, *rows: Row) -> list[str]:
+    """Names of the entrants that `run` evaluates from now on, each with the given rows."""
+    asked = []
+
+    def evaluate(discipline: Discipline, entrant: Entrant, *_: Any) -> list[Row]:
+        asked.append(entrant.name)
+        return [row | {"arm": entrant.name} for row in rows]
+
+    monkeypatch.setattr(league, "evaluate", evaluate)
+    return asked
+
+
+def test_rows_in_other_files_of_a_folder_stay_there_and_are_not_driven_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edition = of_drivers("reckless", "autopilot", "obstinate")
+    rows = [row | {"record_hash": "0" * 64} for row in rows_of(reckless=[50.0, 60.0])]
+    others = {tmp_path / f"{arm}.jsonl": [row | {"arm": arm} for row in rows] for arm in ("reckless", "obstinate")}
+    for path, some in others.items():
+        path.write_text("".join(f"{json.dumps(row)}\n" for row in some))
+    asked = evaluated_as(monkeypatch, *rows)
+    for _ in range(2):
+        league.run(edition, tmp_path, entrants=["autopilot"])
+    assert all(read_rows(path) == some for path, some in others.items())
+    assert [row["arm"] for row in read_rows(tmp_path / "rows.jsonl")] == ["autopilot"] * 2
+    assert {row["arm"] for row in read_comparable_rows(edition, tmp_path)} == {"reckless", "autopilot", "obstinate"}
+    with pytest.raises(InvalidInputError, match=r"reckless\.jsonl' has rows of reckless in junction: expected them in"):
+        league.run(edition, tmp_path, entrants=["autopilot", "reckless"])
+    assert asked == ["autopilot"] * 2
 
 
 def test_names_that_are_not_there_and_rows_that_are_missing_are_refused(edition: Path, tmp_path: Path) -> None:
