@@ -1,7 +1,8 @@
 """Runner: runs the cells of a study over processes, and appends a row per cell; the same call resumes.
 
 A row is on the disk before the next job begins. A cell whose simulation failed or whose process died is a row that says
-so, and the next call runs it again. Jobs that need the same training never train it at the same time.
+so, and the next call runs it again. An error keeps the rows that its job had before. Jobs that need the same training
+never train it at the same time.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children
 from pathlib import Path
 from types import FrameType
+from typing import NamedTuple
 
 from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row, cell_of, read_rows
@@ -31,9 +33,19 @@ Work = Callable[[Job], Iterable[Row]]
 Progress = Callable[[int, int, Job], None]
 Trainings = Callable[[Cell], Collection[str]]
 """Names of the trainings that the work on a cell begins, unless they are done."""
-Found = list[Row] | str
-"""Rows of a job, or the reason why it was lost."""
 NOTHING, DIED = "the work returned no row", "the process died"
+
+
+class Found(NamedTuple):
+    """What the work on a job gave.
+
+    Attributes:
+        rows: Of its cells.
+        lost: Why the other cells have none; "" where the work has ended.
+    """
+
+    rows: Sequence[Row]
+    lost: str = ""
 
 
 def run(
@@ -86,11 +98,28 @@ def run(
 def _rows(job: Job, found: Found) -> Iterator[Row]:
     """A row per cell of a job; a lost one where the work gave none."""
     shared = job[0]._asdict()
-    measured: Mapping[Cell, Row] = (
-        {} if isinstance(found, str) else {cell_of(row): row for row in ({**shared, **row} for row in found)}
-    )
+    measured = {cell_of(row): row for row in ({**shared, **row} for row in found.rows)}
     for cell in job:
-        yield measured.get(cell, {**cell._asdict(), "lost": found if isinstance(found, str) else NOTHING})
+        yield measured.get(cell) or _lost(cell, found.lost or NOTHING)
+
+
+def _lost(cell: Cell, why: str) -> Row:
+    return {**cell._asdict(), "lost": why}
+
+
+def row_each(job: Job, measure: Callable[[Cell], Row]) -> Iterator[Row]:
+    """A row per cell of a job, for works whose cells do not depend on each other: a failed simulation loses its cell.
+
+    Args:
+        job: The cells.
+        measure: Row of a cell.
+    """
+    for cell in job:
+        try:
+            row = measure(cell)
+        except SimulationError as error:
+            row = _lost(cell, _told(error))
+        yield row
 
 
 def _lines(rows: Iterable[Row]) -> bytes:
@@ -114,8 +143,8 @@ class _Queue:
         return None
 
     def note(self, job: Job, found: Found) -> None:
-        """Takes the trainings of a job that has ended as done, unless it was lost: it may have been in one."""
-        if not isinstance(found, str):
+        """Takes the trainings of a job that has ended as done, unless it ended early: it may have been in one."""
+        if not found.lost:
             self._trained |= self._needs(job)
 
     def _needs(self, job: Job) -> set[str]:
@@ -123,7 +152,7 @@ class _Queue:
 
 
 def _worked(queue: _Queue, work: Work, workers: int, fresh: bool) -> Iterator[tuple[Job, Found]]:
-    """Each job with its rows, or with the reason why it was lost, as they end."""
+    """Each job with its rows, or with the reason why cells were lost, as they end."""
     if workers == 1 and not fresh:
         yield from ((job, _attempt(work, job)) for job in queue.jobs)
         return
@@ -135,7 +164,7 @@ def _worked(queue: _Queue, work: Work, workers: int, fresh: bool) -> Iterator[tu
             try:
                 yield job, pool.submit(_attempt, work, job).result()
             except BrokenProcessPool:
-                yield job, DIED
+                yield job, Found((), DIED)
 
 
 def _until_a_process_dies(
@@ -171,16 +200,22 @@ def _until_a_process_dies(
 
 
 def _attempt(work: Work, job: Job) -> Found:
-    """Rows of a job, or the reason why it was lost; errors of the input stop the study."""
+    """Rows of a job, and the reason why it ended early; errors of the input stop the study."""
+    rows = list[Row]()
     try:
-        return list(work(job))
+        rows.extend(work(job))  # keeps the rows from before an error
     except SimulationError as error:
-        return f"{type(error).__name__}: {error}"
+        return Found(rows, _told(error))
     except DohyoError:
         raise
     except Exception as error:  # an error of dohyo itself: the study goes on, and the row states it
         traceback.print_exc()
-        return f"{type(error).__name__}: {error}"
+        return Found(rows, _told(error))
+    return Found(rows)
+
+
+def _told(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 @contextmanager

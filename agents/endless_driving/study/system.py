@@ -18,10 +18,10 @@ from dohyo.agents.endless_driving.study.judging import measures
 from dohyo.agents.endless_driving.study.tables import Claims, judged, tables_of
 from dohyo.agents.learning.runs.trainer import Trainer, train_to_the_end
 from dohyo.agents.registry import resolve
-from dohyo.agents.studies.arms import TRAININGS, Block, Place, cells_of
+from dohyo.agents.studies.arms import TRAININGS, Block, Cell, Place, cells_of
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row
-from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.runner import Job, row_each
 from dohyo.agents.studies.samples import Sample, scenario_of
 from dohyo.agents.studies.study import Study
 from dohyo.agents.studies.trained import TrainedOptions, columns, own_trainings, result_of
@@ -74,18 +74,21 @@ def work(
 
     Raises:
         RunStoppedError: The training was stopped.
-        SimulationError: There is no policy yet and none may be trained, or a simulation failed.
+        SimulationError: There is no policy yet and none may be trained. A drive that fails is a lost row.
     """
     arm, seed = job[0].arm, job[0].training_seed or 0
     config = arms[arm].training(trainer.config, seed)
     policy = options.trained(f"{arm}/seed-{seed}", partial(train_to_the_end, trainer, name, config))
     facts = result_of(policy.parent, "steps", "updates", "finished", "tier")
-    for cell in job:
+
+    def measured(cell: Cell) -> Row:
         if cell.benchmark == TRAINING:
             found = last(policy.parent)
         else:
             found = measures(*driven(scenario_of(cell), make_agent(resolve(name), {"policy": str(policy)})))
-        yield {**cell._asdict(), **facts, **found}
+        return {**cell._asdict(), **facts, **found}
+
+    yield from row_each(job, measured)
 
 
 def last(folder: Path) -> Row:

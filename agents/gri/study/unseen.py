@@ -25,7 +25,7 @@ from dohyo.agents.studies.claims import Claim
 from dohyo.agents.studies.crossed_bootstrap import of_shares
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row, by_arm, infractions_per_km
-from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.runner import Job, row_each
 from dohyo.agents.studies.samples import Sample, scenario_of
 from dohyo.agents.studies.study import Results, Study, judging
 from dohyo.agents.studies.tables import claims_section, mean_of, rounded
@@ -83,13 +83,16 @@ def work(options: Options, job: Job) -> Iterator[Row]:
 
     Raises:
         RunStoppedError: The training was stopped.
-        SimulationError: There is no policy so far, or a simulation failed.
+        SimulationError: There is no policy so far. A drive that fails is a lost row.
     """
     torch.set_num_threads(1)
     policy = policy_of(options, job[0])
     facts = result_of(policy.parent, "steps", "updates")
-    for cell in job:
-        yield {**cell._asdict(), **facts, **measures(*driven(scenario_of(cell), driver(policy)))}
+
+    def measured(cell: Cell) -> Row:
+        return {**cell._asdict(), **facts, **measures(*driven(scenario_of(cell), driver(policy)))}
+
+    yield from row_each(job, measured)
 
 
 def driver(policy: Path) -> Agent:

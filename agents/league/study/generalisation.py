@@ -21,7 +21,7 @@ from dohyo.agents.endless_driving.study.judging import measures
 from dohyo.agents.studies.arms import Arm, Block, Cell, cells_of
 from dohyo.agents.studies.driving import driven
 from dohyo.agents.studies.rows import Row, by_arm
-from dohyo.agents.studies.runner import Job
+from dohyo.agents.studies.runner import Job, row_each
 from dohyo.agents.studies.samples import Sample, scenario_of
 from dohyo.agents.studies.study import Results, Study
 from dohyo.agents.studies.tables import fixed
@@ -58,14 +58,13 @@ def cells(options: Options) -> list[Cell]:
 
 
 def work(options: Options, job: Job) -> Iterator[Row]:
-    """The drives of one driver in one cell.
+    """The drives of one driver in one cell; one that fails is a lost row."""
 
-    Raises:
-        SimulationError: A simulation failed.
-    """
-    for cell in job:
+    def measured(cell: Cell) -> Row:
         found = measures(*driven(scenario_of(cell), ARMS[cell.arm].make()))
-        yield {**cell._asdict(), **{name: found[name] for name in KEPT}}
+        return {**cell._asdict(), **{name: found[name] for name in KEPT}}
+
+    return row_each(job, measured)
 
 
 def gap_section(results: Results) -> str:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
+import pytest
+
+from dohyo.agents.league.study import generalisation
 from dohyo.agents.league.study.generalisation import figure, gap_section
+from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.study import Results
+from tests.agents.studies.failing import check_that_one_failed_drive_loses_its_cell_alone
 
 
 def drives(arm: str, town: str, conditions: str, lawful: int, count: int = 10) -> list[Row]:
@@ -55,3 +62,10 @@ def test_the_largest_loss_stands_first() -> None:
     points = [trace for trace in figure(Results(ROWS, {})).data if trace.mode == "markers"]
     assert [list(trace.y) for trace in points] == [["rlad", "autopilot"]] * 2
     assert [list(trace.x) for trace in points] == [[90.0, 100.0], [10.0, 80.0]]
+
+
+def test_a_drive_that_fails_is_lost_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    work = partial(generalisation.work, generalisation.Options())
+    check_that_one_failed_drive_loses_its_cell_alone(
+        monkeypatch, generalisation, work, Cell("autopilot", None, "nocrash", "", 0)
+    )

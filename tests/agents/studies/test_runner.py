@@ -13,7 +13,7 @@ import pytest
 
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import cell_of, matched, read_rows
-from dohyo.agents.studies.runner import DIED, NOTHING, run
+from dohyo.agents.studies.runner import DIED, NOTHING, row_each, run
 from dohyo.agents.studies.trained import TrainedOptions
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.errors import InvalidInputError, SimulationError
@@ -55,6 +55,14 @@ def failing(job):
         if (cell.arm, cell.scenario, cell.training_seed) == ("b", "m1", 0):
             os._exit(3)
     yield from measured(job)
+
+
+def failing_halfway(job, error):
+    """The first two rows of a job, then an error."""
+    for number, row in enumerate(measured(job)):
+        if number == 2:
+            raise error
+        yield row
 
 
 def refused(job):
@@ -120,6 +128,32 @@ def test_a_lost_cell_is_a_row_that_says_so_is_in_no_mean_and_is_run_again(tmp_pa
     run(path, CELLS, measured)
     assert sorted(cell_of(row) for row in read_rows(path)) == sorted(CELLS)
     assert not [row for row in read_rows(path) if "lost" in row]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("error", [SimulationError("SUMO is gone"), ZeroDivisionError("SUMO is gone")])
+def test_rows_from_before_an_error_stay_and_only_the_other_cells_are_lost(tmp_path, workers, error):
+    path, log = tmp_path / "rows.jsonl", tmp_path / "log"
+    run(path, CELLS, partial(failing_halfway, error=error), workers=workers, together=arm_and_seed)
+    said = f"{type(error).__name__}: SUMO is gone"
+    assert {(row["scenario"], row.get("lost")) for row in read_rows(path)} == {("m0", None), ("m1", None), ("m2", said)}
+    assert sorted(cell_of(row) for row in read_rows(path)) == sorted(CELLS)
+    run(path, CELLS, partial(counted, log=log), together=arm_and_seed)
+    assert log.read_text().split()[2::3] == ["m2"] * 4
+    assert [row["score"] for row in read_rows(path) if cell_of(row)[:2] == ("b", 1)] == [1, 2, 3]
+
+
+def test_a_cell_whose_simulation_fails_alone_is_a_lost_row_and_the_next_ones_are_measured(tmp_path):
+    def measure(cell):
+        if cell.scenario == "m1":
+            raise SimulationError("SUMO is gone")
+        return next(measured([cell]))
+
+    cells = [cell for cell in CELLS if cell[:2] == ("a", 0)]
+    run(tmp_path / "rows.jsonl", cells, partial(row_each, measure=measure), together=arm_and_seed)
+    first, lost, last = read_rows(tmp_path / "rows.jsonl")
+    assert lost == {**cells[1]._asdict(), "lost": "SimulationError: SUMO is gone"}
+    assert [first["score"], last["score"]] == [0, 2]
 
 
 def test_a_cell_for_which_the_work_has_no_row_is_lost(tmp_path):

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import json
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from dohyo.agents.endless_driving.study import system
 from dohyo.agents.endless_driving.study.arms import DrivingArm
 from dohyo.agents.endless_driving.study.system import LAST, study_of
 from dohyo.agents.learning.runs.config import RunConfig
 from dohyo.agents.learning.runs.trainer import Trainer, TrainRequest
+from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import read_rows
 from dohyo.agents.studies.study import ROWS
+from dohyo.agents.studies.trained import TrainedOptions
 from dohyo.evaluation.agent import Agent, AgentSpec
 from dohyo.evaluation.running.lock import held
 from dohyo.sumo_networks.scenario import Mission
 from dohyo.sumo_networks.sensors import Observation
+from tests.agents.studies.failing import check_that_one_failed_drive_loses_its_cell_alone
 
 CHOSEN = ("held-out missions", "town-test.empty.test.m01")
 
@@ -70,3 +76,16 @@ def test_two_jobs_of_one_training_end_with_two_workers(tmp_path: Path) -> None:
     assert rows.keys() == set(CHOSEN)
     assert rows[CHOSEN[0]]["return"] == 1.0
     assert rows[CHOSEN[1]]["status"] == "failed: agent could not be set up"
+
+
+def test_a_drive_that_fails_is_lost_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings, policy = tmp_path / "settings.toml", tmp_path / "one" / "seed-0" / "best.onnx"
+    settings.write_text("steps = 100\n")
+    policy.parent.mkdir(parents=True)
+    policy.touch()
+    (policy.parent / "result.json").write_text('{"steps": 100, "updates": 1, "finished": true, "tier": 3}')
+    trainer = Trainer("a stand-in", RunConfig, train)
+    study = study_of("", tmp_path, f"{__name__}:Refusing", trainer, {"one": DrivingArm("", settings)}, [])
+    work = partial(study.work, TrainedOptions(runs=tmp_path, train=False))
+    cell = Cell("one", 0, "nocrash", "", 0)
+    check_that_one_failed_drive_loses_its_cell_alone(monkeypatch, system, work, cell)

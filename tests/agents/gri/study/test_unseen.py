@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,10 @@ from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.study import Results
 from dohyo.sumo_networks.errors import SimulationError
+from tests.agents.studies.failing import check_that_one_failed_drive_loses_its_cell_alone
 
 GRIAD, ALONE = "driving-full-iqn-p25", "driving-full-iqn-p0"
+SHIPPED = Path(unseen.__file__).parents[1] / "checkpoints" / "griad.onnx"
 CELLS = states.STUDY.cells(Options())
 
 
@@ -75,13 +78,22 @@ def test_what_may_not_be_trained_drives_nowhere(tmp_path: Path) -> None:
         list(unseen.work(options, [Cell(GRIAD, 0, "nocrash", "town-test.empty.test.m01", 0)]))
 
 
-def test_the_shipped_policy_drives_a_mission(tmp_path: Path) -> None:
-    shipped = Path(unseen.__file__).parents[1] / "checkpoints" / "griad.onnx"
-    folder = tmp_path / GRIAD / "seed-0"
+def shipped_in(runs: Path) -> Options:
+    """Options of runs whose only training has the shipped policy."""
+    folder = runs / GRIAD / "seed-0"
     folder.mkdir(parents=True)
-    (folder / "policy.onnx").write_bytes(shipped.read_bytes())
+    (folder / "policy.onnx").write_bytes(SHIPPED.read_bytes())
     (folder / "result.json").write_text('{"steps": 70000, "updates": 17374}')
-    options = Options(runs=tmp_path, train=False)
+    return Options(runs=runs, train=False)
+
+
+def test_a_drive_that_fails_is_lost_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    work = partial(unseen.work, shipped_in(tmp_path))
+    check_that_one_failed_drive_loses_its_cell_alone(monkeypatch, unseen, work, Cell(GRIAD, 0, "nocrash", "", 0))
+
+
+def test_the_shipped_policy_drives_a_mission(tmp_path: Path) -> None:
+    options = shipped_in(tmp_path)
     (row,) = unseen.work(options, [Cell(GRIAD, 0, "nocrash", "town-test.empty.test.m01", 0)])
     assert (row["arm"], row["steps"]) == (GRIAD, 70_000)
     assert 0.0 < row["route_completion"] <= 100.0
