@@ -71,7 +71,7 @@ class Agent(Protocol):
         """Decides once per tick, 10 times per simulated second.
 
         Args:
-            observation: One float32 array per sensor of the spec.
+            observation: One array per sensor of the spec: float32, of pictures uint8.
 
         Returns:
             Action in the space of the control interface.

@@ -169,8 +169,10 @@ def plain(value: Any) -> Any:
 
 
 def arrays(observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
-    """Observations from the wire as arrays by ego and sensor."""
-    return {
-        ego: {sensor: unpack(value).astype(np.float32, copy=False) for sensor, value in seen.items()}
-        for ego, seen in observations.items()
-    }
+    """Observations from the wire as arrays by ego and sensor, as sensors give them: float32, packed pictures uint8."""
+    return {ego: {sensor: _seen(unpack(value)) for sensor, value in seen.items()} for ego, seen in observations.items()}
+
+
+def _seen(array: np.ndarray) -> np.ndarray:
+    """A copy, to which an agent may write, of a type that sensors have."""
+    return np.array(array, dtype=np.uint8 if array.dtype == np.uint8 else np.float32)
