@@ -81,7 +81,7 @@ def test_egos_without_drivers_end_their_drives_after_the_last_worker_has(client:
 
 
 def test_late_gone_and_doubled_drivers(client: Client) -> None:
-    world = client.world(deadline_s=2, late="leave", undriven="stand", record=True)
+    world = client.world(deadline_s=10, late="leave", undriven="stand", record=True)
     front, rest = client.seat(world, "a", "front"), client.seat(world, "b", "middle", "back")
     assert client.get(world)["status"] == "running"
     assert client.join(world, "c", "front").status_code == 409
