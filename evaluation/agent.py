@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
-import os
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MethodType
 from typing import Any, Final, Literal, Protocol
@@ -14,6 +12,7 @@ from typing import Any, Final, Literal, Protocol
 import numpy as np
 from pydantic import ValidationError
 
+from dohyo.evaluation.agent_files import files_of, parts_of
 from dohyo.evaluation.entry import make_entry
 from dohyo.evaluation.families import Family, check_family
 from dohyo.evaluation.records.record import AgentInfo, Kind
@@ -25,7 +24,7 @@ from dohyo.sumo_networks.sensors import Observation, Track, make_sensors
 
 __all__ = [
     "Agent", "AgentSpec", "Explanation", "Mission", "Observation",
-    "agent_info", "close_agent", "make_agent", "note_files", "source_digest",
+    "agent_info", "close_agent", "make_agent", "source_digest",
 ]  # fmt: skip
 
 Explanation = dict[str, Any]
@@ -117,8 +116,8 @@ def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = No
         InvalidInputError: A file that it names as its own is missing or cannot be read.
     """
     # The sources of an agent that wraps others include theirs, and all files that any of them names as its own.
-    parts = _parts(agent)
-    files = _files(parts)
+    parts = parts_of(agent)
+    files = files_of(parts)
     return AgentInfo(
         name=agent.spec.name,
         kind=kind,
@@ -130,49 +129,6 @@ def agent_info(agent: Agent, entry: str, settings: Mapping[str, Any] | None = No
         control=agent.spec.control,
         settings=dict(settings or {}),
     )
-
-
-def note_files(agent: Agent, settings: Mapping[str, Any] | None, note: Callable[[str], None]) -> None:
-    """Notes the settings, given or by default, that are files and not among those that the agent names as its own.
-
-    Agents of dohyo have none. One of another package may read weights, which its records do not tell from new ones.
-    """
-    parts = _parts(agent)
-    foreign = [type(part) for part in parts if not type(part).__module__.startswith("dohyo.")]
-    if not foreign:
-        return
-    values = {name: value for kind in foreign for name, value in _defaults(kind).items()} | dict(settings or {})
-    named = {os.path.realpath(file) for file in _files(parts)}
-    for name, value in values.items():
-        if _is_file(value) and os.path.realpath(value) not in named:
-            note(
-                f"agent '{agent.spec.name}': setting '{name}' is a file that its record does not name; list it in "
-                "`files`, or a run with new weights is taken for the old one"
-            )
-
-
-def _parts(agent: Agent) -> list[Any]:
-    """An agent, and those that it wraps."""
-    parts: list[Any] = [agent]
-    while (inner := getattr(parts[-1], "inner", None)) is not None:
-        parts.append(inner)
-    return parts
-
-
-def _files(parts: Sequence[Any]) -> list[Path]:
-    """Files that agents name as their own."""
-    return [Path(file) for part in parts for file in getattr(part, "files", ())]
-
-
-def _defaults(kind: type) -> dict[str, Any]:
-    try:
-        return {one.name: one.default for one in inspect.signature(kind).parameters.values()}
-    except (TypeError, ValueError):  # a constructor without a signature
-        return {}
-
-
-def _is_file(value: Any) -> bool:
-    return isinstance(value, str | Path) and os.path.isfile(value)  # unlike Path's, it takes any text
 
 
 def source_digest(classes: Sequence[type]) -> str:

@@ -21,7 +21,6 @@ from typing import Any
 
 from dohyo.agents.learning.files.settings import read_settings
 from dohyo.agents.studies.arms import Cell
-from dohyo.agents.studies.claims import none_judged
 from dohyo.agents.studies.registry import studies, study_named
 from dohyo.agents.studies.runner import Job
 from dohyo.agents.studies.study import Results, Study, read_results
@@ -36,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Command-line entry point.
 
     Raises:
-        DohyoError: The study cannot be run, its rows are missing, or a page would have some of its arms alone.
+        DohyoError: The study cannot be run, its rows are missing, or an option of a run is given for something else.
     """
     parser = argparse.ArgumentParser(
         prog="python -m dohyo.agents.studies", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -44,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help=f"all, {', '.join(studies())}")
     parser.add_argument("action", nargs="?", choices=("run", "table", "figures"), default="table")
     parser.add_argument("--set", nargs="+", dest="settings", default=[], metavar="KEY=VALUE", help="options of a run")
-    parser.add_argument("--arms", nargs="+", metavar="ARM", help="of a run, or of a table without claims; default: all")
+    parser.add_argument("--arms", nargs="+", metavar="ARM", help="of a run; default: all")
     parser.add_argument("--trainings", nargs="+", type=int, metavar="SEED", help="of a run; default: all")
     parser.add_argument("--only", nargs="+", metavar="PREFIX", help="of a run: benchmarks or scenarios; default: all")
     parser.add_argument("--workers", type=int, default=1, help="processes of a run")
@@ -56,10 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.name is None:
         print("\n".join(f"{name:16} {study_named(name).summary}" for name in studies()))
         return
-    if given.action == "table" and given.write and given.arms is not None:
-        raise InvalidInputError(
-            f"expected --write without --arms, got --arms {' '.join(given.arms)}: RESULTS.md has the tables of all arms"
-        )
+    for option in ("arms", "trainings", "only"):
+        if given.action != "run" and getattr(given, option) is not None:
+            raise InvalidInputError(
+                f"--{option}: expected with 'run', got '{given.action}': claims are corrected together, over all rows"
+            )
     for name in studies() if given.name == "all" else (given.name,):
         study = study_named(name)
         if given.action == "run":
@@ -112,25 +112,12 @@ def _run(name: str, study: Study[Any], given: argparse.Namespace) -> None:
 
 def _table(name: str, study: Study[Any], results: Results, given: argparse.Namespace) -> None:
     for section, table in sections(name, study).items():
-        if given.section not in (None, section):
-            continue
-        if given.arms is not None:
-            _part(section, table, results)
-        elif (text := table(results)) and given.write:
+        text = table(results) if given.section in (None, section) else ""
+        if text and given.write:
             write_section(study.page, section, text)
             print(f"{study.page}: {section}")
         elif text:
             print(f"{text}\n")
-
-
-def _part(section: str, table: Callable[[Results], str], results: Results) -> None:
-    """Prints a section of some arms, without verdicts, which depend on all claims of a list."""
-    with none_judged() as left_out:
-        text = table(results).strip()
-    if text:
-        print(f"{text}\n")
-    if left_out:
-        print(f"{section}: claims are corrected together, and are left out with --arms\n")
 
 
 def sections(name: str, study: Study[Any]) -> dict[str, Callable[[Results], str]]:
@@ -144,10 +131,9 @@ def sections(name: str, study: Study[Any]) -> dict[str, Callable[[Results], str]
 def _stored(study: Study[Any], given: argparse.Namespace) -> Results:
     folder = given.rows or study.stored
     results = study.read(folder) if folder.exists() else Results((), {})
-    rows = [row for row in results.rows if given.arms is None or row["arm"] in given.arms]
-    if not rows and given.name != "all":
+    if not results.rows and given.name != "all":
         raise InvalidInputError(f"'{folder}': expected stored rows, found none{_why(folder, given)}")
-    return Results(rows, results.facts)
+    return results
 
 
 def _why(folder: Path, given: argparse.Namespace) -> str:

@@ -13,9 +13,7 @@ of the signs of five, 2 of 32 are as far. It counts in the correction, too: no l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -104,24 +102,6 @@ class Judgement:
         return _counted(self.scenarios, "scenario") if self.scenarios < needed else ""
 
 
-_left_out: ContextVar[list[Claim] | None] = ContextVar("left_out", default=None)
-
-
-@contextmanager
-def none_judged() -> Iterator[Sequence[Claim]]:
-    """Within it no claim is judged, for tables of some arms: of a part of a list, the correction would be weaker.
-
-    Yields:
-        The claims that were left out so far.
-    """
-    left_out = list[Claim]()
-    token = _left_out.set(left_out)
-    try:
-        yield left_out
-    finally:
-        _left_out.reset(token)
-
-
 def judge_rows(
     claims: Iterable[Claim],
     rows: Iterable[Row],
@@ -159,9 +139,6 @@ def judge(
         values: Values of an arm for a claim.
         interval: Mean and interval of paired differences.
     """
-    if (left_out := _left_out.get()) is not None:
-        left_out.extend(claims)
-        return []
     pairs = [(claim, difference(values(claim, claim.left), values(claim, claim.right))) for claim in claims]
     pairs = [(claim, differences) for claim, differences in pairs if differences]
     means = [by_training(differences) for _, differences in pairs]

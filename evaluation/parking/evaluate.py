@@ -7,7 +7,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.agent import agent_info, note_files
+from dohyo.evaluation.agent import agent_info
+from dohyo.evaluation.agent_files import note_files
 from dohyo.evaluation.episode.guarded_agent import ACT_DEADLINE_S
 from dohyo.evaluation.families import OtherFamilyError
 from dohyo.evaluation.parking.agent import make_parking_agent
@@ -122,7 +123,7 @@ def _info(
     """Description of an agent, which is made for it."""
     agent = make_parking_agent(entry, settings)
     try:
-        note_files(agent, settings, note)  # type: ignore[arg-type]  # it reads the name alone
+        note_files(agent, settings, note)
         return agent_info(agent, entry, settings, kind)  # type: ignore[arg-type]  # it reads the spec alone
     finally:
         close_agents([agent])

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dohyo.evaluation.agent import agent_info, close_agent, make_agent, note_files
+from dohyo.evaluation.agent import agent_info, close_agent, make_agent
+from dohyo.evaluation.agent_files import note_files
 from dohyo.evaluation.benchmarks.benchmark import Benchmark, load_benchmark
 from dohyo.evaluation.benchmarks.part import select
 from dohyo.evaluation.benchmarks.traffic_logs import prepare_logs

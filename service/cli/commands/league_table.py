@@ -1,4 +1,4 @@
-"""`dohyo league table`: makes the league's page without the drivers, whose libraries take ten seconds to import."""
+"""`dohyo league table`: makes the league's page without the drivers, whose libraries take as long to import."""
 
 from __future__ import annotations
 

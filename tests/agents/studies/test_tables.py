@@ -12,13 +12,12 @@ import pytest
 
 from dohyo.agents.studies import __main__ as command
 from dohyo.agents.studies.__main__ import main, sections
-from dohyo.agents.studies.arms import Cell
 from dohyo.agents.studies.claims import Claim, judge
 from dohyo.agents.studies.registry import studies, study_named
 from dohyo.agents.studies.rows import Row
 from dohyo.agents.studies.runner import Job
-from dohyo.agents.studies.study import judging, read_results
-from dohyo.agents.studies.tables import claims_section, claims_table, probability, write_section
+from dohyo.agents.studies.study import read_results
+from dohyo.agents.studies.tables import claims_table, probability, write_section
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
@@ -106,44 +105,18 @@ def test_an_installed_dohyo_says_where_the_stored_rows_are(
 def test_the_command_lists_the_studies_and_prints_one_section(capsys: pytest.CaptureFixture[str]) -> None:
     main([])
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(studies())
-    main(["ghrl-trainings", "table", "--arms", "hrl"])
-    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")][2:]
-    assert {row.split(" | ")[1] for row in rows} == {"hrl"}
+    planners = study_named("planners")
+    main(["planners", "table", "--section", "planner-causes"])
+    assert capsys.readouterr().out == f"{planners.tables['planner-causes'](planners.read(planners.stored))}\n\n"
     with pytest.raises(UnknownNameError, match="no study named 'ghlr'; did you mean 'ghrl'"):
         main(["ghlr", "table"])
 
 
-def test_the_tables_of_some_arms_have_no_claims_which_are_corrected_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    judged = judging([Claim(left, ">", right, "score") for left, right in ("ab", "ac", "cd")])
-    tables = {
-        "arms": lambda results: " ".join(sorted({row["arm"] for row in results.rows})),
-        "claims": claims_section(judged, ("claim",)),
-        "both": lambda results: f"of {len(results.rows)} rows\n\n{claims_table(judged(results), ('claim',))}",
-    }
-    study = replace(study_named("ghrl"), room=tmp_path, tables=tables, judged=judged)
-    study.stored.mkdir(parents=True)
-    scores = {"a": 9, "b": 1, "c": 5, "d": 4}
-    cells = [(Cell(arm, None, "town", f"m{i}", 0), score + i) for arm, score in scores.items() for i in range(8)]
-    lines = [json.dumps({**cell._asdict(), "score": score}) for cell, score in cells]
-    (study.stored / "rows.jsonl").write_text("\n".join(lines) + "\n")
-    study.page.write_text(TEXT)
-    monkeypatch.setattr(command, "study_named", lambda name: study)
-    main(["ghrl", "table"])
-    whole = capsys.readouterr().out
-    assert (whole.count("| reproduced |"), "left out" in whole) == (6, False)
-    main(["ghrl", "table", "--arms", "a", "b"])
-    part = capsys.readouterr().out
-    left_out = "claims are corrected together, and are left out with --arms\n"
-    assert "\n\na b\n\n" in part
-    assert f"\n\nclaims: {left_out}\nof 16 rows\n\nboth: {left_out}" in part
-    assert "| reproduced |" not in part
-    main(["ghrl", "table", "--arms", "a", "--section", "arms"])
-    assert capsys.readouterr().out == "a\n\n"
-    with pytest.raises(InvalidInputError, match="expected --write without --arms"):
-        main(["ghrl", "table", "--arms", "a", "b", "--write"])
-    assert study.page.read_text() == TEXT
+@pytest.mark.parametrize("option", ["--arms", "--trainings", "--only"])
+@pytest.mark.parametrize("action", ["table", "figures"])
+def test_a_table_is_of_all_rows_since_its_claims_are_corrected_together(action: str, option: str) -> None:
+    with pytest.raises(InvalidInputError, match=f"{option}: expected with 'run', got '{action}'"):
+        main(["ghrl", action, option, "0"])
 
 
 def test_arms_and_trainings_that_are_not_there_are_named_and_nothing_runs(tmp_path: Path) -> None:

@@ -248,7 +248,8 @@ def test_the_bridge_to_carla_with_a_stand_in(client: Client, monkeypatch: pytest
     assert driven > 5.0, "the autopilot drives it behind the hero"
     bridge.close()
     assert (len(carla.world.actors), carla.world.settings.synchronous_mode) == (3, False)
-    client.order(world, "end")
+    ended = client.send("POST", f"/v1/worlds/{world}/end")
+    assert ended.status_code in (200, 409), "on a slow machine the ego behind arrives before, and the world has ended"
     record = client.send("GET", f"/v1/worlds/{world}/record").json()
     assert record["egos"][0]["status"] == "perfect"
     assert record["egos"][0]["driven_m"] == pytest.approx(0.5 * 2.0 * (0.1 * tick) ** 2, rel=0.01)
