@@ -10,9 +10,9 @@ from tests.evaluation.agents import Steady
 
 
 class LateOnce(Steady):
-    """Takes a second for one decision."""
+    """Takes ten seconds for one decision."""
 
     def misbehave(self) -> np.ndarray:
         if self.ticks == self.after + 1:
-            time.sleep(1.0)
+            time.sleep(10.0)
         return super().misbehave()

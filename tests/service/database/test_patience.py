@@ -68,7 +68,7 @@ def test_a_signal_during_the_start_ends_the_wait_for_a_database_that_refuses(
     async def main() -> None:
         asyncio.get_running_loop().call_later(0.3, server.handle_exit, signal.SIGTERM, None)
         with pytest.raises(OperationalError):
-            await asyncio.wait_for(PatientDatabase(services.database).read(refused), 30)
+            await asyncio.wait_for(PatientDatabase(services.database).read(refused), 120)
 
     asyncio.run(main())
     assert server.should_exit

@@ -156,7 +156,7 @@ def fetched_days_are_verified(ordered: dict[str, str], service: Service, folder:
 def test_bad_forecasts_are_refused_and_a_late_one_fails_the_agent(client: Client, service: Service) -> None:
     """The server goes on with the next worker."""
     benchmark = load_forecasting(HARD).model_copy(update={"number": 1})
-    evaluation = service.submit(remote_info("hasty"), benchmark, seeds=[benchmark.seed], act_deadline_s=0.5)
+    evaluation = service.submit(remote_info("hasty"), benchmark, seeds=[benchmark.seed], act_deadline_s=5.0)
     with WorkerSession(service.url, service.token, "hasty") as session:
         drive = acquired(session)
         history = drive.observations["forecaster"]["history"]
@@ -169,12 +169,12 @@ def test_bad_forecasts_are_refused_and_a_late_one_fails_the_agent(client: Client
         session.step(drive, {"forecaster": last})
         shown = drive.observations["forecaster"]["history"]
         assert np.mean(shown[:-1] == history[1:]) > 0.9  # one minute later; gaps at the beginning are filled anew
-        time.sleep(1.0)
+        time.sleep(6.0)
         with pytest.raises(LeaseLostError):
             session.step(drive, {"forecaster": last})
     (day,) = recorded(client, service, evaluation)
     assert (day.measures, day.forecasts) == ({}, 1)
-    assert "0.5 s" in str(day.failure)
+    assert "5 s" in str(day.failure)
     (episode,) = service.episodes(evaluation)
     assert episode.summary is not None
     assert episode.summary["egos"][0]["status"] == "failed: agent did not answer in time"

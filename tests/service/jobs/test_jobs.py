@@ -201,7 +201,7 @@ def test_a_job_that_is_cancelled_just_after_its_start_was_stored_does_no_work(
             yield session
         if session.info.get("starts"):
             stored.set()
-            assert cancelled.wait(30.0)
+            assert cancelled.wait(120.0)
 
     monkeypatch.setattr(queries, "start", start_marked)
     monkeypatch.setattr(Database, "session", slow_to_return)
@@ -209,7 +209,7 @@ def test_a_job_that_is_cancelled_just_after_its_start_was_stored_does_no_work(
     given = tmp_path / "given"
     given.write_bytes(b"12345")
     job = order(service, "team", file=given)
-    assert stored.wait(30.0)
+    assert stored.wait(120.0)
     assert service.caller("team").delete(f"/v1/jobs/{job}").status_code == 204
     cancelled.set()
     assert ended(service, order(service, "other")).status_code == 201
@@ -291,7 +291,7 @@ def test_a_job_that_is_taken_as_the_service_stops_is_left_to_the_next(
     monkeypatch.setattr(queries, "start", start_late)
     with running(tmp_path / "data", database=SecretStr(database_url)) as service:
         job = order(service, "team")
-        assert taking.wait(30.0)
+        assert taking.wait(120.0)
     database = Database(database_url)
     with database.reading() as session:
         left = queries.find_job(session, job)

@@ -18,6 +18,7 @@ from tests.service.served import STEADY, Service, info_of
 
 HANGS = "tests.evaluation.agents:HangsOutsidePython"
 DIES = "tests.evaluation.agents:DiesAlways"
+DEADLINE_S = 5.0  # beyond any decision of the healthy one on a busy machine
 FAULTS = {HANGS: (Status.AGENT_DEADLINE, NEVER_RETURNED), DIES: (Status.AGENT_RAISED, DIED_TWICE)}
 
 
@@ -31,17 +32,19 @@ def assert_only_front_is_at_fault(record: EpisodeRecord, entry: str = HANGS) -> 
 def test_on_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executors, "KILL_GRACE_S", 0.2)
     agents = {REST: info_of(STEADY), "front": info_of(HANGS, after=2)}
-    (record,) = run_benchmark(TWO, agents, out=tmp_path / "one", act_deadline_s=0.3).records
+    (record,) = run_benchmark(TWO, agents, out=tmp_path / "one", act_deadline_s=DEADLINE_S).records
     assert_only_front_is_at_fault(record)
 
     agents[REST] = info_of(HANGS, after=5)
-    (record,) = run_benchmark(TWO, agents, out=tmp_path / "both", act_deadline_s=0.3).records
+    (record,) = run_benchmark(TWO, agents, out=tmp_path / "both", act_deadline_s=DEADLINE_S).records
     assert {ego.status for ego in record.egos} == {Status.AGENT_DEADLINE}
 
 
 def test_at_the_service(running_service: Service) -> None:
     own, other = info_of(STEADY), info_of(HANGS, after=2)
-    evaluation = running_service.submit(own, TWO, kind=AgentKind.BUILTIN, others={"front": other}, act_deadline_s=0.3)
+    evaluation = running_service.submit(
+        own, TWO, kind=AgentKind.BUILTIN, others={"front": other}, act_deadline_s=DEADLINE_S
+    )
     assert_only_front_is_at_fault(running_service.record(evaluation))
     assert [one.charged for one in running_service.attempts(evaluation)] == [False]
 

@@ -116,7 +116,7 @@ def test_late_gone_and_doubled_drivers(client: Client) -> None:
 
 def test_a_late_decision_is_repeated_and_counted(client: Client) -> None:
     document = scenario(2).model_dump(mode="json")
-    world = client.world(scenario=document, deadline_s=1, undriven="out")
+    world = client.world(scenario=document, deadline_s=5, undriven="out")
     a, b = client.seat(world, "a", "front"), client.seat(world, "b", "middle")
     client.order(world, "pause")
     client.order(world, "step", {"ticks": 2})
