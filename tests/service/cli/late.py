@@ -10,9 +10,9 @@ from tests.evaluation.agents import Steady
 
 
 class LateOnce(Steady):
-    """Takes ten seconds for one decision."""
+    """Takes six seconds for one decision."""
 
     def misbehave(self) -> np.ndarray:
         if self.ticks == self.after + 1:
-            time.sleep(10.0)
+            time.sleep(6.0)
         return super().misbehave()

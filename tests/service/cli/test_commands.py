@@ -166,10 +166,10 @@ def test_verify_proves_a_record_and_tells_a_changed_world(evaluated: tuple[Path,
 
 def test_verify_has_the_deadline_of_evaluate(short: Path, tmp_path: Path, here: Call) -> None:
     order = ("--agent", "tests.service.cli.late:LateOnce", "--benchmark", str(short), "--seeds", "0")
-    here("evaluate", *order, "--out", str(tmp_path), "--deadline", "5", "--workers", "1")
+    here("evaluate", *order, "--out", str(tmp_path), "--deadline", "4", "--workers", "1")
     (record,) = (tmp_path / "records").glob("*.json")
     assert json.loads(record.read_text())["egos"][0]["status"] == "failed: agent did not answer in time"
-    again = document(here("verify", str(record), "--trust", "--json", "--deadline", "5"))
+    again = document(here("verify", str(record), "--trust", "--json", "--deadline", "4"))
     assert (again["same"], again["late"]) == (True, [])
     patient = here("verify", str(record), "--trust")
     assert patient.returncode == 1
