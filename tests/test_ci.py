@@ -20,6 +20,12 @@ for target; do case "$target" in *=*) ;; *) last=$target;; esac; done
 echo "$last $$" >>started
 [ "$last" != "$(cat hang)" ] || exec sleep 600
 [ "$last" != "$(cat fail)" ] || exit 3
+[ "$last" != test ] || ! cat summary 2>/dev/null || exit 2
+"""
+# Runs the tests that failed once more; it notes so, and they pass unless there is a file `again`.
+PYTHON = """#!/bin/sh
+echo "again $$" >>started
+[ ! -e again ]
 """
 
 
@@ -33,6 +39,10 @@ def checkout(tmp_path: Path) -> Iterator[Path]:
         command = tmp_path / "bin" / name
         command.write_text(MAKE if name == "make" else "#!/bin/sh\n")
         command.chmod(0o755)
+    python = tmp_path / ".venv/bin/python"
+    python.parent.mkdir(parents=True)
+    python.write_text(PYTHON)
+    python.chmod(0o755)
     for name in ("hang", "fail", "started"):
         (tmp_path / name).touch()
     yield tmp_path
@@ -86,3 +96,24 @@ def test_it_ends_with_the_code_of_what_failed(target: str, code: int, checkout: 
     with run(checkout) as whole:
         assert whole.wait(PATIENCE_S) == code
     assert ("test" in started(checkout)) is (target != "setup")
+
+
+@pytest.mark.parametrize(
+    ("counts", "error", "fails_again", "code"),
+    [
+        ("1 failed, 9000 passed in 60.00s (0:01:00)", 1, False, 0),
+        ("3 failed, 9000 passed, 1 error in 60.00s (0:01:00)", 1, True, 2),
+        ("4 failed, 9000 passed in 60.00s (0:01:00)", 1, None, 2),
+        ("1 failed, 20 passed in 60.00s (0:01:00)", 2, None, 2),  # interrupted: the rest was not run
+        ("9000 passed in 60.00s (0:01:00)", 1, None, 2),
+    ],
+)
+def test_a_few_failures_are_run_again_alone(
+    counts: str, error: int, fails_again: bool | None, code: int, checkout: Path
+) -> None:
+    (checkout / "summary").write_text(f"{counts}\nmake: *** [Makefile:32: test] Error {error}\n")
+    if fails_again:
+        (checkout / "again").touch()
+    with run(checkout) as whole:
+        assert whole.wait(PATIENCE_S) == code
+    assert ("again" in started(checkout)) is (fails_again is not None)
