@@ -159,8 +159,12 @@ def _met(other: list[float], ways: Ways, stands: bool, speed: float) -> Meeting 
 
 
 def way_ahead(path: Float32Array, metres: int = TARGET_M) -> Float32Array:
-    """(N + 1, 2) the route's next N metres, moved sideways to begin at the ego."""
-    points = path[BEHIND : BEHIND + metres + 1, :2]
+    """(N + 1, 2) the route's next N metres, straight on behind the goal, moved sideways to begin at the ego."""
+    points = path[:, :2].copy()
+    goal = int(np.flatnonzero((points != points[-1]).any(axis=1)).max(initial=-1)) + 1  # from which on it repeats
+    heading = path[-1, 2]
+    points[goal:] += np.arange(len(path) - goal)[:, None] * np.array([np.cos(heading), np.sin(heading)])
+    points = points[BEHIND : BEHIND + metres + 1]
     return np.asarray(points - points[0], dtype=np.float32)
 
 

@@ -101,6 +101,21 @@ def verdict(scene: Scene, waypoints: np.ndarray) -> rules.Verdict:
     return rules.judge(observed(Priboot(), scene.world()), float(scene.world().egos.speed[0]), waypoints)
 
 
+STRAIGHT_ON = np.array([[4.0, 0.0], [8.0, 0.0], [12.0, 0.0], [16.0, 0.0]])
+
+
+@pytest.mark.parametrize("before_m", [0.5, 4.0, 12.0])
+@pytest.mark.parametrize("left", [-3.2, 3.2])
+def test_what_stands_beside_the_goal_is_not_in_the_way(before_m: float, left: float) -> None:
+    """The sensor `path` repeats the goal, which has no direction; the ego stood before it for good."""
+    scene = straight_road().with_ego(x=999.0 - before_m, speed=4.0)
+    for x in (994.0, 1000.0, 1005.0):
+        scene = scene.with_actor(x, 0.0, left=left)
+    assert verdict(scene, STRAIGHT_ON) == rules.FREE
+    ahead = scene.with_actor(1001.0, 0.0)
+    assert verdict(ahead, STRAIGHT_ON).brake > 0.0, "what stands behind it in the lane is"
+
+
 @pytest.mark.parametrize("metres", [12.0, 20.0], ids=["beside the waypoints", "behind them"])
 def test_what_stands_does_not_stop_waypoints_that_lead_round_it(metres: float) -> None:
     scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(50.0 + metres, 0.0)
