@@ -13,7 +13,7 @@ from dohyo.evaluation.criteria.base import Criterion, infraction
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.geometry import wrap
-from dohyo.sumo_networks.rules.episode_end import exceeds
+from dohyo.sumo_networks.rules.episode_end import exceeds, reaches
 from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import ActorKind, World
 
@@ -33,7 +33,7 @@ class _StandingTraffic:
     _next: float = -math.inf
 
     def watch(self, world: World) -> None:
-        if world.time >= self._next:
+        if reaches(world.time, self._next):
             self._next = world.time + WATCH_S
             moving = world.actors.key[world.actors.speed > MOVING_MPS]
             self._moved.update(dict.fromkeys(moving.tolist(), world.time))
@@ -79,7 +79,7 @@ class Blocked(Criterion):
         if exceeds(standing_s, self.limit_s) and not self._reported:
             self._reported = True
             leader = _leader(after, ego)
-            jammed = leader >= 0 and self._queue.stood_s(after, leader) >= JAMMED_S
+            jammed = leader >= 0 and reaches(self._queue.stood_s(after, leader), JAMMED_S)
             jammed = jammed and not self._obstructed(after, ego) and not self._with_other_egos(after, ego)
             kind = InfractionKind.GRIDLOCK if jammed else InfractionKind.BLOCKED
             actor = after.name_of(int(after.actors.key[leader])) if jammed else None

@@ -12,6 +12,7 @@ from dohyo.evaluation.criteria.fault import approach_mps, hits_with_bumper, is_a
 from dohyo.evaluation.records.record import Infraction
 from dohyo.evaluation.records.specifications import InfractionKind
 from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.rules.episode_end import reaches
 from dohyo.sumo_networks.rules.stop_lines import Point, axis_point
 from dohyo.sumo_networks.world import ActorKind, Contact, World
 
@@ -87,7 +88,7 @@ class Collision(Criterion):
         """Whether a contact with an actor is a new one; notes it."""
         last = self._last_contact.get(key)
         self._last_contact[key] = time_s
-        return last is None or time_s - last >= self.same_actor_s
+        return last is None or reaches(time_s - last, self.same_actor_s)
 
     def _drives_into(self, world: World, ego: int, speed: float, contact: Contact, tick_s: float) -> bool:
         """Whether a contact that began when the ego stood becomes a collision."""

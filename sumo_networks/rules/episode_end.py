@@ -30,6 +30,11 @@ def exceeds(time_s: float, limit_s: float) -> bool:
     return time_s > limit_s + _ROUNDING_S
 
 
+def reaches(time_s: float, limit_s: float) -> bool:
+    """Whether a time is at least a limit, s: differences of times in ticks, in floating point a bit less, count."""
+    return time_s >= limit_s - _ROUNDING_S
+
+
 def is_played_out(world: World, duration_s: float | None) -> bool:
     """Whether a scenario's planned duration [s] has passed; False without one."""
     return duration_s is not None and world.time >= duration_s - TICK_S / 2

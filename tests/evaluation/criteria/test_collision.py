@@ -184,6 +184,14 @@ def test_the_same_actor_counts_again_only_after_five_seconds(again_at: float, co
     assert verdict.contacts == 1
 
 
+@pytest.mark.parametrize("begin_s", [3.3, 3.4, 3.5, 3.6])
+def test_five_seconds_are_the_same_from_whatever_tick_on(begin_s: float) -> None:
+    """From tick 41 on they are less in floating point."""
+    for pause_s, count in ((5.3, 1), (5.4, 2)):
+        verdict = run(swiping_at(begin_s, begin_s + pause_s), Collision(), seconds=12)
+        assert len(verdict.infractions) == count
+
+
 def test_each_contact_keeps_the_five_seconds_running() -> None:
     assert len(run(swiping_at(0.0, 4.0, 8.0), Collision(), seconds=10).infractions) == 1
 
