@@ -88,19 +88,21 @@ def make_sensors(
         names: Names from `SENSORS` or sensor configurations.
         track: Track of the agent.
         conditions: Conditions of the scenario; clear by default.
-        rng: Generator of the sensors' noise; each sensor has errors of its own, which depend on its place in `names`.
+        rng: Generator of the sensors' noise. The errors of each sensor follow from this and from its name.
 
     Raises:
         UnknownNameError: A sensor does not exist.
         InvalidInputError: The track does not allow a sensor, or a sensor is given twice.
     """
     out: list[Sensor] = []
-    generator = rng or np.random.default_rng(0)
+    entropy = (rng or np.random.default_rng(0)).integers(2**32, size=4).tolist()
     for name in names:
         if not isinstance(name, SensorConfig) and name not in SENSORS:
             raise UnknownNameError("sensor", name, SENSORS)
         maker = name if isinstance(name, SensorConfig) else SENSORS[name]
-        sensor = maker.make(conditions or Conditions(), generator)
+        # By name, so that neither other sensors nor their order change a sensor's noise.
+        own = np.random.SeedSequence(entropy, spawn_key=tuple(maker.name.encode()))
+        sensor = maker.make(conditions or Conditions(), np.random.default_rng(own))
         if sensor.track > track:
             raise InvalidInputError(
                 f"sensor '{sensor.name}' needs track '{sensor.track.name.lower()}', "

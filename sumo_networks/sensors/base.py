@@ -42,7 +42,7 @@ class Sensor(ABC):
 
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
-        """Makes a sensor for one ego and episode; sensors without noise ignore both arguments."""
+        """Makes a sensor for one ego and episode; `rng` is its own, and sensors without noise ignore both arguments."""
         return cls()
 
     @abstractmethod

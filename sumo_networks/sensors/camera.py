@@ -115,7 +115,7 @@ class Camera(Sensor):
 
     def __init__(self, config: CameraConfig, conditions: Conditions, rng: np.random.Generator) -> None:
         self.config, self.name, self.space = config, config.name, config.space
-        # A generator of its own, so that pictures leave the errors of other sensors as they are; see `make_sensors`.
+        # A generator of its own, since recordings make several cameras from one.
         self._view, self._rng = view_of(config.optics, conditions), rng.spawn(1)[0]
         air = self._view.air
         self._tint, self._horizon = air.tint.astype(np.float32), air.horizon.astype(np.float32)

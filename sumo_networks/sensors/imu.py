@@ -159,7 +159,7 @@ class Imu(Sensor):
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
         """Makes the sensor; see `Sensor`."""
-        return cls(rng.spawn(1)[0])
+        return cls(rng)
 
     def read(self, world: World, ego: int) -> Float32Array:
         """Reads the array; see the class."""

@@ -44,7 +44,7 @@ class Radar(Sensor):
     @classmethod
     def make(cls, conditions: Conditions, rng: np.random.Generator) -> Self:
         """Makes the sensor; see `Sensor`."""
-        return cls(conditions, rng.spawn(1)[0])
+        return cls(conditions, rng)
 
     def read(self, world: World, ego: int) -> Float32Array:
         """Reads the array; see the class."""

@@ -6,6 +6,7 @@ import dataclasses
 import gzip
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import libsumo
@@ -20,7 +21,7 @@ from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.geometry import ray_to_box
 from dohyo.sumo_networks.networks.catalog import load_network
 from dohyo.sumo_networks.networks.projection import Projection, enu_to_geodetic, geodetic_to_enu, read_projection
-from dohyo.sumo_networks.sensors import make_sensors
+from dohyo.sumo_networks.sensors import CameraConfig, make_sensors
 from dohyo.sumo_networks.sensors.gnss import L80, RTK, Gnss, GnssErrors, GnssNoise
 from dohyo.sumo_networks.sensors.imu import ICM_20600, Imu, ImuErrors, ImuNoise, specific_force_and_rate
 from dohyo.sumo_networks.sensors.radar import ANGLES, Radar
@@ -130,15 +131,23 @@ def test_vibration_shakes_a_moving_vehicle_only() -> None:
     assert np.abs(shaken[:, 3:]).max() == 0.0
 
 
-def test_another_sensor_beside_it_does_not_shift_a_sensors_noise() -> None:
+def test_neither_other_sensors_nor_their_order_change_a_sensors_noise() -> None:
     world = straight_road().with_ego(x=100.0).with_actor(120.0, 3.0).world()
-    conditions = CONDITIONS["heavy-rain"]
+    camera = CameraConfig(name="camera", width=16, height=16)
+    noisy = ("detections", "radar", "gnss", "gnss_rtk", "imu", camera)
 
-    def detections(names: list[str]) -> np.ndarray:
-        sensors = make_sensors(names, conditions=conditions, rng=rng())
-        return {sensor.name: sensor.read(world, 0) for sensor in sensors}["detections"]
+    def readings(names: Sequence[str | CameraConfig]) -> dict[str, np.ndarray]:
+        sensors = make_sensors(names, conditions=CONDITIONS["heavy-rain"], rng=rng())
+        ticks = [{sensor.name: sensor.read(world, 0) for sensor in sensors} for _ in range(3)]
+        return {name: np.stack([tick[name] for tick in ticks]) for name in ticks[0]}
 
-    np.testing.assert_array_equal(detections(["detections"]), detections(["imu", "gnss", "radar", "detections"]))
+    together = readings(noisy)
+    for chosen in (noisy[::-1], *((one,) for one in noisy)):
+        for name, reading in readings(chosen).items():
+            np.testing.assert_array_equal(reading, together[name], err_msg=name)
+    # Sensors of one kind with different names have errors of their own.
+    twin = readings([camera, camera.model_copy(update={"name": "twin"})])
+    assert (twin["camera"] != twin["twin"]).any()
 
 
 # GNSS
