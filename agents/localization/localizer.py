@@ -48,7 +48,11 @@ FILTERS: Mapping[str, Callable[[InitialState, FilterNoise], Filter]] = MappingPr
 """Filters by name; "imu" is dead reckoning, which uses no fix once it runs."""
 
 MAX_STEP_S = 0.1
-"""Length of a gap in the IMU's samples above which the uncertainty is raised, s."""
+"""Longest step of the integration, s; a longer one is split."""
+SLOWEST_STEP_S = 0.2
+"""Time between two samples of the slowest IMU, s."""
+GAP_S = 1.5 * SLOWEST_STEP_S
+"""Length of a gap in the IMU's samples above which the uncertainty is raised, s; the slowest IMU stays below it."""
 BLIND_ACCELERATION, BLIND_YAW_RATE = 3.0, 0.3
 """Motion of a car during a gap, standard deviations, m/s^2 and rad/s."""
 SAME_TIME_S = 1e-6
@@ -282,13 +286,9 @@ class Localizer:
             return
         began = self._time - sum(dt for _, dt in standing.moved)
         self._make_filter(start, began)
-        if standing.late:
-            times = (began + np.cumsum([dt for _, dt in standing.moved])).tolist()
-            samples = [(time, *moved) for time, moved in zip(times, standing.moved, strict=True)]
-            self._repeat(began, samples, standing.late)
-        else:
-            for sample, dt in standing.moved:
-                self._predict(self._time, sample, dt)
+        times = (began + np.cumsum([dt for _, dt in standing.moved])).tolist()
+        samples = [(time, *moved) for time, moved in zip(times, standing.moved, strict=True)]
+        self._repeat(began, samples, standing.late)
         standing.moved.clear()
         standing.late.clear()
         self._early.clear()
@@ -329,10 +329,10 @@ class Localizer:
     def _predict(self, time: float, sample: FloatArray, dt: float) -> None:
         if self._corrector is None:
             return
-        steps = max(1, math.ceil(dt / MAX_STEP_S))
+        steps = max(1, math.ceil((dt - SAME_TIME_S) / MAX_STEP_S))
         for _ in range(steps):
             self._corrector.predict(sample[:3], sample[3:], dt / steps)
-        if steps > 1:
+        if dt > GAP_S:
             blind = 0.5 * BLIND_ACCELERATION * dt * dt, BLIND_ACCELERATION * dt, BLIND_YAW_RATE * dt
             self._corrector.loosen(*blind)
         if self._uses_measurements:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from dohyo.agents.localization.localizer import SAME_TIME_S, Fix
+from dohyo.agents.localization.localizer import SAME_TIME_S, SLOWEST_STEP_S, Fix
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.dynamics import GRAVITY
 from dohyo.sumo_networks.errors import InvalidInputError
@@ -25,8 +25,6 @@ from dohyo.sumo_networks.portable_math import arctan2
 
 IMU_COLUMNS = ("t", "ax", "ay", "az", "gx", "gy", "gz")
 GEODETIC, PLANE = ("lat", "lon", "alt"), ("x", "y", "z")
-SLOWEST_STEP_S = 0.2
-"""Time between two samples of the slowest IMU, s."""
 MAX_IMU_GAP_S = 1.0
 MAX_MISSING = 0.05
 """Share of the IMU's samples that may be unreadable or repeated."""

@@ -108,11 +108,12 @@ class Gate(Corrector):
         """See `Corrector`."""
         innovation = self._filter.expect(fix)
         expected = innovation.nis <= GATE
-        self._judged.append(JudgedFix(time, innovation, expected))
+        self._outliers += not expected
+        used = expected or self._outliers == PATIENCE
+        self._judged.append(JudgedFix(time, innovation, used))
+        if not used:
+            return
         if not expected:
-            self._outliers += 1
-            if self._outliers < PATIENCE:
-                return
             # The filter was overconfident: raise its uncertainty, so that this fix moves it.
             off = float(np.linalg.norm(innovation.residual))
             self._filter.loosen(off, min(off, 5.0), 0.2)
@@ -247,7 +248,8 @@ class Robust(Corrector):
 
     def _settle(self, chosen: _Hypothesis) -> None:
         self._judged += chosen.judged
-        self._used_at = max([self._used_at, *(one.time for one in chosen.judged if one.used)])
+        # `max` would keep the NaN of a filter that has not used any fix.
+        self._used_at = float(np.fmax.reduce([self._used_at, *(one.time for one in chosen.judged if one.used)]))
         self._hypotheses = [_Hypothesis(chosen.filter)]
 
 

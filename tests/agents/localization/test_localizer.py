@@ -12,6 +12,8 @@ import pytest
 from pydantic import ValidationError
 
 from dohyo.agents.localization.filters.base import FilterNoise
+from dohyo.agents.localization.filters.es_ekf import EsEkf
+from dohyo.agents.localization.filters.measurements import Measurement, PointVelocity
 from dohyo.agents.localization.localizer import FILTERS, Fix, Localizer
 from dohyo.agents.localization.settings import CarConstraint, Settings
 from dohyo.agents.localization.starts.calibration import calibrate
@@ -218,6 +220,56 @@ def test_gaps_repeated_times_and_missing_fixes_do_no_harm() -> None:
     assert np.isfinite(track.position).all()
     assert error < 0.5
     assert abs(error - off(plain)[-1]) < 0.2
+
+
+def at_rest_then_blind(step_s: float, gap_s: float = 0.0) -> Localizer:
+    """Localizer of a car that stands for 30 s; the last fix is at 10 s, and a gap in the IMU's samples after it."""
+    localizer = Localizer(settings(outliers="none", standing_s=5.0), heading=(0.0, 0.05))
+    rng = np.random.default_rng(0)
+    for row in range(round(30.0 / step_s)):
+        now = row * step_s
+        if not 15.0 < now < 15.0 + gap_s:
+            localizer.imu(now, np.array([0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0]) + rng.normal(0.0, 1e-4, 6))
+        if now <= 10.0 and row % round(1.0 / step_s) == 0:
+            localizer.gnss(now, np.zeros(3))
+    return localizer
+
+
+def spread(localizer: Localizer) -> float:
+    assert localizer.filter is not None
+    return math.sqrt(np.trace(localizer.filter.position_covariance))
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.2])
+def test_the_samples_of_a_slow_imu_are_no_gaps(step_s: float) -> None:
+    assert spread(at_rest_then_blind(step_s)) == pytest.approx(spread(at_rest_then_blind(0.01)), rel=0.1)
+
+
+@pytest.mark.parametrize("step_s", [0.01, 0.2])
+def test_a_gap_raises_the_uncertainty_at_every_rate(step_s: float) -> None:
+    assert spread(at_rest_then_blind(step_s, gap_s=0.8)) > 2.0 * spread(at_rest_then_blind(step_s))
+
+
+@pytest.mark.parametrize("first_fix_s", [0.0, 6.0])
+def test_what_cars_do_counts_at_its_intervals_from_the_start_on(
+    first_fix_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used, correct = [], EsEkf.correct
+
+    def counted(filter_: EsEkf, measurement: Measurement) -> None:
+        used.append(isinstance(measurement, PointVelocity))
+        correct(filter_, measurement)
+
+    monkeypatch.setattr(EsEkf, "correct", counted)
+    localizer = Localizer(settings(outliers="none", car=CarConstraint(sideways_mps=0.1, level_rad=None)))
+    now = 0.0
+    while localizer.filter is None:
+        now += 0.01
+        sets_off_s = max(now - 5.0, 0.0)
+        localizer.imu(now, np.array([0.5 * (sets_off_s > 0.0), 0.0, GRAVITY, 0.0, 0.0, 0.0]))
+        if now >= first_fix_s and round(100 * now) % 100 == 0:
+            localizer.gnss(now, np.array([0.25 * sets_off_s**2, 0.0, 0.0]))
+    assert sum(used) == pytest.approx((now - 3.0) / 0.2, abs=1.0)
 
 
 # No leaks
