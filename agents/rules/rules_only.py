@@ -17,7 +17,7 @@ from dohyo.agents.planning.motion import Idm
 from dohyo.agents.planning.sidestep import Sidestep
 from dohyo.agents.planning.surroundings import Surroundings, warm_up
 from dohyo.agents.planning.warm_up import empty_road
-from dohyo.agents.rules.facts import SENSORS, FactsBuilder, Memory, Moment
+from dohyo.agents.rules.facts import SENSORS, WAITS_M_S, FactsBuilder, Memory, Moment
 from dohyo.agents.rules.rulebook import RuleError, Signature, read_rulebook
 from dohyo.agents.rules.solver import Decision, Solver
 from dohyo.agents.safety.rss import CONSTANTS
@@ -90,7 +90,7 @@ class RulesOnly(Agent):
     def _forget(self) -> None:
         self._memory, self._aside = Memory(), Sidestep()
         self._decision: Decision | None = None
-        self._right = 0.0
+        self._waits, self._right = False, 0.0
 
     def act(self, observation: Observation) -> np.ndarray:
         """Controls for the orders of the rules."""
@@ -98,7 +98,13 @@ class RulesOnly(Agent):
         return self.decide(observation)
 
     def observe(self, observation: Observation) -> None:
-        """Updates memory and RSS by one tick without a decision, for agents that use the rules at times."""
+        """Updates memory and RSS by one tick without a decision, for agents that use the rules at times.
+
+        An ego that has to wait by the last decision goes on waiting until it drives.
+        """
+        speed = float(observation["speedometer"][0])
+        self._waits = self._waits and speed < WAITS_M_S
+        self._memory.wait(speed, self._waits)
         self._around = Surroundings(observation)
         self._memory.watch(observation, self._around.neighbours)
         self.watch.update(observation, self._around)
@@ -114,7 +120,7 @@ class RulesOnly(Agent):
         advised = advised_speed(route)
         moment = self._builder.moment(observation, self._around, self._memory, self._aside, self.watch.dangers, advised)
         self._decision = decision = self.solver.decide(moment.facts)
-        self._memory.wait(speed, decision.orders("waits"))
+        self._waits = bool(decision.orders("waits"))
         self._change_lane(decision, moment, speed, progress)
         route = self._aside.applied(observation["route"], progress)
         aim = route[round(pursuit_distance(speed))]

@@ -163,6 +163,25 @@ def test_the_same_observation_gives_the_same_action(agent: RulesOnly) -> None:
     assert acted(agent, scene).tolist() == first.tolist()
 
 
+def test_an_ego_that_has_to_wait_goes_on_waiting_between_decisions_until_it_drives(agent: RulesOnly) -> None:
+    scene = ego(0.0).with_actor(108.0, 1.4, kind=ActorKind.PEDESTRIAN, left=-4.0, heading=NORTH, length=0.5, width=0.5)
+
+    def waited_after(*speeds: float) -> bool:
+        """Whether it has waited for 2 s by the tick after another agent drove at these speeds."""
+        acted(agent, scene)
+        observation = observed(agent, scene.world())
+        for speed in speeds:
+            agent.observe({**observation, "speedometer": np.array([speed], dtype=np.float32)})
+        agent.act(observation)
+        why = agent.explain()
+        assert why is not None
+        return "refused(20)" in why["facts"]
+
+    assert waited_after(*[0.0] * 19)
+    assert not waited_after(*[0.0] * 18, 5.0)
+    assert not waited_after(5.0, *[0.0] * 18)
+
+
 # Its rules are data
 
 
