@@ -6,9 +6,9 @@ import math
 from typing import Final
 
 from dohyo.agents.safety.rss import EGO, RssConstants, behind_distance
+from dohyo.agents.safety.rss_monitor import response_ticks
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.rules.right_of_way import RightOfWay
-from dohyo.sumo_networks.units import TICK_S
 from dohyo.sumo_networks.world import LightState
 
 MARGIN_M: Final = 0.5
@@ -37,7 +37,7 @@ class LineMonitor:
 
     def reset(self) -> None:
         """Clears the state of the last episode."""
-        self.critical, self._left_s = False, 0.0
+        self.critical, self._left = False, 0
         self._distance, self._stood = math.inf, False
 
     def update(self, speed: float, junctions: Float32Array) -> None:
@@ -51,8 +51,8 @@ class LineMonitor:
         self._watch_stop(speed, float(junctions[0, 0]))
         danger = any(_closed(speed, float(row[0]), int(row[2])) and row[0] < least for row in junctions)
         danger = danger or (self._must_stop(junctions[0]) and bool(junctions[0, 0] < least))
-        self._left_s = self._constants.reaction_s if danger else max(self._left_s - TICK_S, 0.0)
-        self.critical = danger or self._left_s > 0.0
+        self._left = response_ticks(self._constants) if danger else max(self._left - 1, 0)
+        self.critical = danger or self._left > 0
 
     def _watch_stop(self, speed: float, distance: float) -> None:
         """Remembers whether the ego has stood before the next junction."""

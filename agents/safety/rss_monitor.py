@@ -85,7 +85,7 @@ class RssMonitor:
         self.critical = False
         self.ticks = self.critical_ticks = 0
         self.longest_standing_s = 0.0
-        self._left_s, self._stood_s = 0.0, 0.0
+        self._left, self._stood_s = 0, 0.0
         self._near_since: dict[int, int] = {}
         self._beside_since: dict[int, int] = {}
 
@@ -107,8 +107,8 @@ class RssMonitor:
         around = around or Surroundings({**observation, "lanes": _NO_LANES})
         speed = float(observation["speedometer"][0])
         self.dangers = self._dangers(speed, observation["path"][BEHIND], observation["conflicts"], around.neighbours)
-        self._left_s = self._constants.reaction_s if self.dangers else max(self._left_s - TICK_S, 0.0)
-        self.critical = bool(self.dangers) or self._left_s > 0.0
+        self._left = response_ticks(self._constants) if self.dangers else max(self._left - 1, 0)
+        self.critical = bool(self.dangers) or self._left > 0
         self.ticks += 1
         self.critical_ticks += self.critical
         self._stood_s = self._stood_s + TICK_S if self.critical and speed < STANDS_M_S else 0.0
@@ -163,6 +163,11 @@ class RssMonitor:
             needed = closing**2 / (2.0 * max(gap - LEAST_GAP_M, 0.1))
             braking = min(max(self._constants.braking, needed), HARDEST_M_S2)
         return Danger(key, gap, least, side_gap, side_least, braking, side)
+
+
+def response_ticks(constants: RssConstants) -> int:
+    """Response time in ticks, rounded up: the sum of many 0.1 s in floats is not exact."""
+    return math.ceil(constants.reaction_s / TICK_S - 1e-6)
 
 
 def _since(known: dict[int, int], keys: Sequence[int], holds: Sequence[bool], tick: int) -> dict[int, int]:

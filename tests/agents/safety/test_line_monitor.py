@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dohyo.agents.safety.line_monitor import LineMonitor
-from dohyo.agents.safety.rss import EGO
+from dohyo.agents.safety.rss import EGO, LITERATURE, RssConstants
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 from dohyo.sumo_networks.rules.right_of_way import RightOfWay
@@ -71,14 +71,17 @@ def test_a_stop_sign_is_a_danger_until_the_ego_has_stood_at_its_line_and_again_a
     assert critical(3.0, 0.6)
 
 
-def test_the_interval_outlasts_the_danger_by_the_response_time_and_ends_with_the_episode() -> None:
-    monitor = LineMonitor()
+@pytest.mark.parametrize(("constants", "ticks"), [(EGO, 3), (LITERATURE, 5)])
+def test_the_interval_outlasts_the_danger_by_the_response_time_and_ends_with_the_episode(
+    constants: RssConstants, ticks: int
+) -> None:
+    monitor = LineMonitor(constants)
     monitor.update(5.0, line(3.0, RED))
     lasts = 0
     while monitor.critical:
         monitor.update(5.0, line(3.0, GREEN))
         lasts += 1
-    assert lasts == 3
+    assert lasts == ticks
     monitor.update(5.0, line(3.0, RED))
     monitor.reset()
     assert not monitor.critical

@@ -199,25 +199,26 @@ def seen(world: World) -> dict[str, np.ndarray]:
     return {sensor.name: sensor.read(world, 0) for sensor in make_sensors(SENSORS)}
 
 
-def watched(scene: Scene, seconds: float) -> tuple[RssMonitor, list[bool]]:
-    watch, critical = RssMonitor(), []
+def watched(scene: Scene, seconds: float, constants: RssConstants = EGO) -> tuple[RssMonitor, list[bool]]:
+    watch, critical = RssMonitor(constants), []
     for world in scene.worlds(seconds):
         watch.update(seen(world))
         critical.append(watch.critical)
     return watch, critical
 
 
-def test_an_interval_lasts_until_the_response_time_after_the_danger() -> None:
+@pytest.mark.parametrize("constants", [EGO, LITERATURE])
+def test_an_interval_lasts_until_the_response_time_after_the_danger(constants: RssConstants) -> None:
     # 6 m behind a vehicle that pulls away: near enough to be dangerous at first only.
     scene = straight_road().with_ego(x=50.0, speed=8.0).with_actor(60.5, lambda t: 8.0 + 6.0 * t)
-    watch, critical = watched(scene, 2.0)
+    watch, critical = watched(scene, 4.0, constants)
     danger = [bool(w) for w in critical]
     assert danger[0]
     ends = danger.index(False)
-    alone, last = RssMonitor(), -1
-    for tick, world in enumerate(scene.worlds(2.0)):
+    alone, last = RssMonitor(constants), -1
+    for tick, world in enumerate(scene.worlds(4.0)):
         last = tick if alone.update(seen(world)) else last
-    assert ends - last == 1 + round(EGO.reaction_s / 0.1) - 1
+    assert ends - last == round(constants.reaction_s / 0.1)
     assert not any(danger[ends:])
     assert watch.share == pytest.approx(ends / len(danger))
 
