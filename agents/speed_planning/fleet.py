@@ -7,6 +7,7 @@ the driver model approaches a queue, and reopens a gap after a cut-in, more smoo
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -126,6 +127,7 @@ class AccBased:
     policy: SetPointPolicy | None = None
     _memory: dict[str, int] = field(default_factory=dict, init=False)
     _rows: Memory = field(default_factory=lambda: Memory.of(np.empty(0)), init=False)
+    _settings: Settings = field(default_factory=lambda: Settings(np.empty(0), np.empty(0)), init=False)
 
     def speeds(self, cars: Cars) -> FloatArray:
         """(N,) commanded speeds, m/s."""
@@ -135,18 +137,24 @@ class AccBased:
         else:
             seen = memory.observation(cars.speed, cars.gap, cars.target, open_gap(cars.target))
             settings = self.policy.settings(seen)
-        memory.remember(cars.acceleration, cars.speed, settings)
+        self._settings = settings
         gaps = np.array(TIME_GAPS_S)[settings.gap.astype(np.int64)]
         rows = zip(cars.speed, cars.gap, np.nan_to_num(cars.leader), settings.speed, gaps, strict=True)
         wanted = np.array([stock_acc(*row) for row in rows], dtype=np.float64)
         return np.maximum(cars.speed + wanted * TICK_S, 0.0)
 
     def _kept(self, cars: Cars) -> Memory:
-        """The memory, with the rows of these vehicles in their order; new vehicles begin with their present speed."""
+        """The memory of these vehicles, in their order, with what their last settings have led to, as in the training.
+
+        New vehicles begin with their present speed.
+        """
         fresh = Memory.of(cars.speed)
         known = np.array([self._memory.get(name, -1) for name in cars.names], dtype=np.int64)
         old = known >= 0
-        fresh.replace(old, self._rows.of_rows(known[old]))
+        rows = known[old]
+        kept, settings = self._rows.of_rows(rows), Settings(self._settings.speed[rows], self._settings.gap[rows])
+        kept.remember(cars.acceleration[old], cars.speed[old], settings)
+        fresh.replace(old, kept)
         self._memory, self._rows = {name: row for row, name in enumerate(cars.names)}, fresh
         return fresh
 
@@ -173,7 +181,6 @@ class Fleet:
     def __post_init__(self) -> None:
         if not 0 <= self.acceleration_based <= 1:
             raise InvalidInputError(f"expected a share in [0, 1], got {self.acceleration_based}")
-        self._rng = np.random.default_rng(self.seed)
 
     def commands(self, world: FreewayWorld, plan: SpeedPlan | None) -> Mapping[str, float]:
         """The speed of every connected vehicle on the mainline for the next tick, m/s."""
@@ -182,7 +189,7 @@ class Fleet:
             return {}
         for name in cars.names:
             if name not in self._kind:
-                self._kind[name] = bool(self._rng.random() < self.acceleration_based)
+                self._kind[name] = self._drawn(name) < self.acceleration_based
         stops = np.array([self._kind[name] for name in cars.names])
         speed = np.empty(len(stops))
         both: tuple[tuple[IntArray, Controller], ...] = (
@@ -194,6 +201,11 @@ class Fleet:
         speed = np.minimum(speed, safe_speed(cars.gap, cars.leader, delay_s=TICK_S, keep_m=STANDING_GAP_M / 2))
         near = handed_back(cars)
         return {name: told for name, told, back in zip(cars.names, speed.tolist(), near, strict=True) if not back}
+
+    def _drawn(self, name: str) -> float:
+        """Number in [0, 1) of a vehicle, from the seed and its name alone, so that no other vehicle changes it."""
+        digest = hashlib.sha256(f"{self.seed} {name}".encode()).digest()
+        return int.from_bytes(digest[:4]) / 2**32
 
 
 def handed_back(cars: Cars) -> BoolArray:

@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dohyo.agents.speed_planning.fleet import AccBased, Controller, Fleet, Limiter
+from dohyo.agents.speed_planning.acc import Settings
+from dohyo.agents.speed_planning.fleet import AccBased, Cars, Controller, Fleet, Limiter
 from dohyo.agents.speed_planning.planner import SpeedPlan
+from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.road import load_freeway
 from dohyo.sumo_networks.freeway.world import FreewayWorld
@@ -90,6 +92,53 @@ def test_three_of_a_hundred_have_the_other_controller_and_keep_it() -> None:
     fleet.commands(crowd, plan(10.0))
     assert fleet._kind == kinds
     assert np.mean(list(kinds.values())) == pytest.approx(0.03, abs=0.012)
+
+
+class Listed:
+    """Keeps the names of the cars that it gets."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+
+    def speeds(self, cars: Cars) -> FloatArray:
+        self.names |= set(cars.names)
+        return cars.speed
+
+
+def test_a_car_has_its_controller_whatever_other_cars_there_are() -> None:
+    listed = []
+    for first in (0, 1):
+        listed.append(Listed())
+        names = tuple(f"v{k}" for k in range(first, 200))
+        crowd = world(names=names, position_m=50.0 * np.arange(len(names)))
+        Fleet(1, listed[-1], acceleration_based=0.5).commands(crowd, plan(20.0))
+    assert listed[0].names - {"v0"} == listed[1].names
+    assert 70 < len(listed[1].names) < 130
+
+
+class Seen:
+    """Set-points that rise from decision to decision; keeps the observations."""
+
+    def __init__(self) -> None:
+        self.observations: list[FloatArray] = []
+
+    def settings(self, observation: FloatArray) -> Settings:
+        self.observations.append(observation)
+        return Settings(np.array([10.0 + len(self.observations)]), np.array([2.0]))
+
+
+def test_a_policy_sees_what_its_last_settings_led_to_as_in_its_training() -> None:
+    """In `PlatoonEnv` a decision's pair has the speed after it, and the newest acceleration is the one during it."""
+    policy = Seen()
+    fleet = Fleet(0, AccBased(policy), acceleration_based=0.0)  # type: ignore[arg-type]
+    for step, speed in enumerate((20.0, 21.0, 23.0)):
+        faster = np.array([(0.0, 2.0, 4.0)[step]])
+        now = world(100 + step / 2, position_m=[2000.0], speed_mps=np.array([speed]), acceleration_mps2=faster)
+        fleet.commands(now, plan(30.0))
+    first, _, last = (observation[0] for observation in policy.observations)
+    assert first[1:6].tolist() == [0.0] * 5
+    assert last[1:6] == pytest.approx([1.0, 0.5, 0.0, 0.0, 0.0])
+    assert 40.0 * last[14:20] == pytest.approx([23.0, 12.0, 21.0, 11.0, 20.0, 20.0])
 
 
 def test_memory_follows_the_car_when_others_come_and_go() -> None:
