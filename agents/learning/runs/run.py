@@ -13,6 +13,7 @@ result.json        the outcome
 from __future__ import annotations
 
 import json
+import re
 import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,6 +36,8 @@ from dohyo.sumo_networks.errors import DohyoError, InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
 FREE = frozenset({"steps", "checkpoint_s", "tensorboard"})
+_SCRAP = re.compile(r"\..+\.\d+\.[0-9a-f]{8}\.tmp")
+"""Names of files that `files.staged` has begun."""
 
 
 class RunStoppedError(DohyoError):
@@ -67,8 +70,9 @@ class Run(Generic[C_co]):
         self._check(resume, free)
         self._held = ExitStack()
         self._held.enter_context(held(folder))
-        for scrap in folder.rglob(".*.tmp"):  # left by a session that was killed during a write
-            scrap.unlink()
+        for scrap in folder.rglob(".*.tmp"):
+            if _SCRAP.fullmatch(scrap.name):  # left by a session that was killed during a write
+                scrap.unlink()
         self.state = load_checkpoint(folder) if resume else None
         self.steps_before: int = self.state["steps"] if self.state else 0
         self._earlier_s: float = self.state["wall_s"] if self.state else 0.0

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import onnxruntime
@@ -29,6 +30,7 @@ from dohyo.agents.learning.runs.trainer import TrainRequest, train_to_the_end
 from dohyo.agents.learning.runs.training import train_task
 from dohyo.service.cli import main
 from dohyo.sumo_networks.errors import InvalidInputError
+from dohyo.sumo_networks.files import staged
 from tests.agents.learning.killed import different
 from tests.agents.learning.problems import Point
 from tests.agents.learning.toys import POINT, SMALL, PointConfig
@@ -95,12 +97,21 @@ def test_checkpoints_are_the_newest_two(folder):
 def test_what_a_killed_session_had_begun_to_write_is_gone_in_every_folder(folder, tmp_path, monkeypatch):
     out = tmp_path / "again"
     shutil.copytree(folder, out)
-    scraps = [out / ".policy.onnx.7.tmp", out / "demonstrations" / "episodes" / ".0000.npz.7.tmp"]
-    for scrap in scraps:
-        scrap.parent.mkdir(parents=True, exist_ok=True)
-        scrap.write_bytes(b"half")
+    (episodes := out / "demonstrations" / "episodes").mkdir(parents=True)
+    scraps = [begun(out / "policy.onnx"), begun(episodes / "0000.npz")]
+    others = [out / ".notes.tmp", episodes / ".draft.2.tmp"]
+    for path in (*scraps, *others):
+        path.write_bytes(b"half")
     assert dohyo(monkeypatch, "train", TOY, "--out", str(out), "--resume") == 0
     assert not any(scrap.exists() for scrap in scraps)
+    assert all(other.exists() for other in others), "files that no writer of dohyo has begun"
+
+
+def begun(path: Path) -> Path:
+    """Name under which a file is written first."""
+    with suppress(OSError), staged(path) as draft:
+        pass
+    return draft
 
 
 def test_events_tell_what_the_rows_tell(folder):
