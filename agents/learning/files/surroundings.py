@@ -19,10 +19,12 @@ PACKAGES = ("dohyo", "torch", "torchrl", "tensordict", "numpy", "gymnasium", "li
 
 def surroundings() -> dict[str, Any]:
     """Facts of a session: commit, versions, host."""
+    # An installed dohyo may lie in the folder of another repository, which does not have this file.
+    ours = _git("ls-files", "--error-unmatch", "--", Path(__file__).name) is not None
     return {
         "command": sys.argv,
-        "commit": _git("rev-parse", "HEAD"),
-        "uncommitted": (status := _git("status", "--porcelain")) is not None and status != "",
+        "commit": _git("rev-parse", "HEAD") if ours else None,
+        "uncommitted": ours and (status := _git("status", "--porcelain")) is not None and status != "",
         "python": platform.python_version(),
         "versions": {name: _version(name) for name in PACKAGES},
         "host": platform.node(),
@@ -33,7 +35,7 @@ def surroundings() -> dict[str, Any]:
 
 
 def _git(*arguments: str) -> str | None:
-    """Commit of the folder that this code is in; None without git or repository."""
+    """What git says in the folder that this code is in; None without git or repository, or where it fails."""
     try:
         command = ["git", "-C", str(Path(__file__).parent), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
