@@ -7,6 +7,7 @@ therefore ends with the same weights as one that was not.
 from __future__ import annotations
 
 import copy
+import hashlib
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -21,14 +22,18 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from dohyo.agents.learning.files.card import digest
 from dohyo.agents.learning.files.checkpoint import random_state, restore_random_state
 from dohyo.agents.learning.runs.config import BaseRunConfig
 from dohyo.agents.learning.runs.run import Run, RunStoppedError, Stop
+from dohyo.sumo_networks.errors import InvalidInputError
 
 FREE = frozenset({"checkpoint_s", "tensorboard"})
 """Settings that decide no weight, and may change when a training is resumed."""
 LOG_EVERY = 10
 """Steps between two rows of metrics.csv."""
+SPLITS = ("train", "validation")
+"""Parts of a data set that a training reads; beside them may lie others, and caches."""
 
 Batches = Callable[[int], Iterator[Tensor]]
 """Numbers of the rows of each batch, from a step on."""
@@ -165,6 +170,7 @@ def fit(
         The last validation's measures.
 
     Raises:
+        InvalidInputError: The run's data are others than those of its checkpoint.
         RunStoppedError: After SIGINT or SIGTERM; a checkpoint is written.
     """
     session, stop = _Session(job, run), Stop()
@@ -195,7 +201,9 @@ class _Session:
         self._job, self._run, self.step = job, run, 0
         self._parameters = [parameter for group in job.optimizer.param_groups for parameter in group["params"]]
         self._best, self.best_weights, self.measures = math.inf, dict[str, Tensor](), dict[str, float]()
+        self._data = "" if run is None else _digest_of(run.config.data)
         if run is not None and run.state is not None:
+            self._check_data(run, run.state)
             self._restore(run.state)
         elif job.keeps_best:
             self._keep_if_best(job.validate())
@@ -243,8 +251,16 @@ class _Session:
                 "measures": self.measures,
                 "rate": self._job.rate.state(),
             }
-            self._run.save(self.step, state | best | {"random": random_state()})
+            self._run.save(self.step, state | best | {"random": random_state(), "data_sha256": self._data})
             self._saved = time.monotonic()
+
+    def _check_data(self, run: Run[SupervisedConfig], state: Mapping[str, Any]) -> None:
+        expected = state.get("data_sha256", self._data)  # older checkpoints have none
+        if expected != self._data:
+            raise InvalidInputError(
+                f"the run in '{run.folder}' was started with data of the digest {expected[:12]}, got {self._data[:12]} "
+                f"in '{run.config.data}'; continue with the former data, or choose another --out"
+            )
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self.step, self.measures = state["steps"], state["measures"]
@@ -262,3 +278,9 @@ class _Session:
             if self._job.keeps_best:
                 self.best_weights = copy.deepcopy(self._job.network.state_dict())
         return better
+
+
+def _digest_of(data: Path) -> str:
+    """Digest of a data set: of its splits, or, as in the card, of all of it if it has none."""
+    splits = [digest(data / split) for split in SPLITS if (data / split).is_dir()]
+    return hashlib.sha256("".join(splits).encode()).hexdigest() if splits else digest(data)

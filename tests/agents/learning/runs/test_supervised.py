@@ -11,8 +11,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from dohyo.agents.learning.files.checkpoint import load_checkpoint, save_checkpoint
 from dohyo.agents.learning.runs.run import Run, RunStoppedError
 from dohyo.agents.learning.runs.supervised import Cosine, Fit, Rate, SupervisedConfig, drawn, fit, shuffled
+from dohyo.sumo_networks.errors import InvalidInputError
 
 INPUTS = torch.linspace(-1.0, 1.0, 40)[:, None]
 TARGETS = 3.0 * INPUTS + 1.0
@@ -46,7 +48,9 @@ def line(batches=shuffled, **changes: object) -> Fit:
 
 
 def run(folder: Path, resume: bool = False) -> closing[Run[SupervisedConfig]]:
-    config = SupervisedConfig(data=Path(), checkpoint_s=1e-9, tensorboard=False, device="cpu")
+    data = folder.parent / "data"
+    (data / "train").mkdir(parents=True, exist_ok=True)
+    config = SupervisedConfig(data=data, checkpoint_s=1e-9, tensorboard=False, device="cpu")
     return closing(Run("line", folder, config, resume))
 
 
@@ -91,10 +95,37 @@ def test_a_signal_writes_a_checkpoint_and_ends(tmp_path):
         if step == 7:
             signal.raise_signal(signal.SIGTERM)
 
-    with run(tmp_path) as folder, pytest.raises(RunStoppedError, match="step 7 of 60"):
+    with run(tmp_path / "run") as folder, pytest.raises(RunStoppedError, match="step 7 of 60"):
         fit(line(), folder, progress)
-    with run(tmp_path, resume=True) as folder:
+    with run(tmp_path / "run", resume=True) as folder:
         assert folder.steps_before == 7
+
+
+def test_a_training_goes_on_with_its_own_data_alone(tmp_path):
+    with run(tmp_path / "run") as folder:
+        fit(line(steps=12), folder)
+    (tmp_path / "data" / "features").mkdir()
+    (tmp_path / "data" / "features" / "cache.npy").write_bytes(b"of another training")
+    with run(tmp_path / "run", resume=True) as folder:
+        fit(line(steps=24), folder)
+    before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()}
+    (tmp_path / "data" / "train" / "more.npz").write_bytes(b"rows")
+    told = r"the run in '.*run' was started with data of the digest \w{12}, got \w{12} in '.*data'"
+    with run(tmp_path / "run", resume=True) as folder, pytest.raises(InvalidInputError, match=told):
+        fit(line(steps=36), folder)
+    assert {path: path.read_bytes() for path in (tmp_path / "run").rglob("*") if path.is_file()} == before
+
+
+def test_a_checkpoint_without_a_digest_of_its_data_is_resumed(tmp_path):
+    with run(tmp_path / "run") as folder:
+        fit(line(steps=12), folder)
+    state = load_checkpoint(tmp_path / "run")
+    assert len(state.pop("data_sha256")) == 64
+    save_checkpoint(tmp_path / "run", 12, state)
+    (tmp_path / "data" / "train" / "more.npz").write_bytes(b"rows")
+    with run(tmp_path / "run", resume=True) as folder:
+        fit(line(steps=24), folder)
+        assert folder.steps_before == 12
 
 
 class _Rising(Rate):
