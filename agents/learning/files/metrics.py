@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
@@ -36,8 +38,7 @@ class Table:
         """Writes one row; missing values stay empty."""
         if unknown := values.keys() - set(self.columns):
             raise KeyError(f"{self._path.name} has no column {', '.join(sorted(unknown))}")
-        shown = ["" if (value := values.get(name)) is None else repr(value) for name in self.columns[1:]]
-        self._writer.writerow([str(steps), *shown])
+        self._writer.writerow([str(steps), *(_shown(values.get(name)) for name in self.columns[1:])])
         self._file.flush()
 
     def sync(self) -> None:
@@ -57,6 +58,11 @@ class Table:
                 f"'{self._path}': expected columns {', '.join(self.columns)}, got {', '.join(header)}"
             )
         return [row for row in rows if int(row[0]) <= keep]
+
+
+def _shown(value: Number) -> str:
+    """Text of a number; that of NumPy's own would be such as "np.float64(1.0)"."""
+    return "" if value is None else repr(value.item() if isinstance(value, np.generic) else value)
 
 
 class Board:
