@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
 from gymnasium.spaces import Box, Dict, Discrete
-from safetensors.torch import save
 from torch import Tensor, nn
 
 from dohyo.agents.learning.policies.exact import DECIMALS
-from dohyo.agents.learning.policies.export import Exportable, export
+from dohyo.agents.learning.policies.export import Exportable, export, saved
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.files import write_atomically
-
-_LENGTH: Final = 8  # bytes of the length of safetensors' header, and what the header's own is a multiple of
 
 
 def export_exact(policy: Exportable, spaces: tuple[Dict, Box | Discrete], path: Path, facts: Mapping[str, str]) -> None:
@@ -55,21 +51,7 @@ def export_running(policy: Exportable, runs: Exportable, space: Dict, path: Path
         export(runs, space, made, facts)
         model = f"{path.name}.onnx"
         write_atomically(path.with_name(model), made.with_name(model).read_bytes())  # first, see `export`
-    write_atomically(path.with_name(f"{path.name}.safetensors"), _saved(weights, {**policy.facts(), **facts}))
-
-
-def _saved(weights: Mapping[str, Tensor], facts: Mapping[str, str]) -> bytes:
-    """Weights and facts as safetensors, in the order of their names; the library's own order of facts is random.
-
-    The format: the header's length in eight bytes, the header as JSON, filled with spaces to a multiple of eight bytes,
-    and the numbers, at places that count from the header's end.
-    """
-    plain = save(dict(weights))
-    begins = _LENGTH + int.from_bytes(plain[:_LENGTH], "little")
-    entries = json.loads(plain[_LENGTH:begins]) | {"__metadata__": dict(facts)}
-    header = json.dumps(entries, sort_keys=True, separators=(",", ":")).encode()
-    header += b" " * (-len(header) % _LENGTH)
-    return len(header).to_bytes(_LENGTH, "little") + header + plain[begins:]
+    write_atomically(path.with_name(f"{path.name}.safetensors"), saved(weights, {**policy.facts(), **facts}))
 
 
 class ExactPolicy(nn.Module):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 import io
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Final, Protocol, cast
 
 import numpy as np
 import onnx
@@ -16,10 +17,12 @@ from gymnasium.spaces import Box, Dict
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from dohyo.agents.learning.tasks.task import ACTION as ACTION
+from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.files import write_atomically
 
-ACTION = "action"
 OPSET = 17
+_LENGTH: Final = 8  # bytes of the length of safetensors' header, and what the header's own is a multiple of
 
 
 class Exportable(Protocol):
@@ -47,13 +50,32 @@ def export(policy: Exportable, space: Dict, path: Path, facts: Mapping[str, str]
         space: Of one observation, by name.
         path: Without suffix.
         facts: Of the training, for both files' metadata.
+
+    Raises:
+        InvalidInputError: An observation has the output's name.
     """
+    if ACTION in space.spaces:
+        raise InvalidInputError(f"policy '{path}': expected no observation named as its output, got '{ACTION}'")
     module = copy.deepcopy(cast(nn.Module, policy)).cpu().eval()
     facts = {**policy.facts(), **facts}
     weights = {name: tensor.detach().contiguous() for name, tensor in module.state_dict().items()}
     # The model first: if both files exist, they are of the same policy, or the weights are older.
     write_atomically(path.with_name(f"{path.name}.onnx"), _onnx(module, space, facts))
-    write_atomically(path.with_name(f"{path.name}.safetensors"), save(weights, facts))
+    write_atomically(path.with_name(f"{path.name}.safetensors"), saved(weights, facts))
+
+
+def saved(weights: Mapping[str, Tensor], facts: Mapping[str, str]) -> bytes:
+    """Weights and facts as safetensors, in the order of their names; the library's own order of facts is random.
+
+    The format: the header's length in eight bytes, the header as JSON, filled with spaces to a multiple of eight bytes,
+    and the numbers, at places that count from the header's end.
+    """
+    plain = save(dict(weights))
+    begins = _LENGTH + int.from_bytes(plain[:_LENGTH], "little")
+    entries = json.loads(plain[_LENGTH:begins]) | {"__metadata__": dict(facts)}
+    header = json.dumps(entries, sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % _LENGTH)
+    return len(header).to_bytes(_LENGTH, "little") + header + plain[begins:]
 
 
 class _OfTensors(nn.Module):

@@ -64,6 +64,8 @@ class OnnxPolicy:
             raise InvalidInputError(
                 f"policy '{self.path}': expected actions of {space}, got {action.dtype} {action.shape}"
             )
+        if not np.isfinite(action).all():
+            raise InvalidInputError(f"policy '{self.path}': expected finite actions, got {action.tolist()}")
 
     def __call__(self, observation: Mapping[str, Array]) -> Array:
         """One observation -> its action, (A,) float32 or () int64; observations that it does not use are ignored."""

@@ -23,6 +23,8 @@ Environments = VectorEnv[dict[str, Array], Array, Array]
 
 SINGLE = "observation"
 """Key of the observation of a task that has only one."""
+ACTION = "action"
+"""Name of an exported policy's output, which no observation can have."""
 
 
 class Task(Protocol):
@@ -140,6 +142,8 @@ def check_spaces(what: str, observations: gymnasium.Space[Any], actions: gymnasi
     """
     if not isinstance(observations, Dict) or not observations.spaces:
         raise InvalidInputError(f"{what}: expected named observations (a Dict space), got {observations}")
+    if ACTION in observations.spaces:
+        raise InvalidInputError(f"{what}: expected no observation named as a policy's output, got '{ACTION}'")
     for name, space in observations.spaces.items():
         vector = isinstance(space, Box) and space.dtype == np.float32 and len(space.shape) == 1
         picture = isinstance(space, Box) and space.dtype == np.uint8 and len(space.shape) == 3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from torch import nn
 
 from dohyo.agents.learning.networks.policy import Actor
 from dohyo.agents.learning.policies.export import export
+from dohyo.agents.learning.policies.onnx_policy import OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 
 LOW, HIGH = torch.tensor([-8.0, -0.5]), torch.tensor([4.0, 0.5])
@@ -62,6 +65,30 @@ def test_both_files_tell_their_origin(exported):
     assert FACTS.items() <= {entry.key: entry.value for entry in model.metadata_props}.items()
     with safe_open(exported / "policy.safetensors", "pt") as file:
         assert FACTS.items() <= file.metadata().items()
+
+
+def test_the_same_policy_gives_the_same_bytes(actor, tmp_path):
+    space = Dict(observation=Box(-np.inf, np.inf, (5,)))
+    for name in ("one", "other"):
+        export(actor, space, tmp_path / name, dict.fromkeys("hgfedcba", ""))
+    assert (tmp_path / "one.safetensors").read_bytes() == (tmp_path / "other.safetensors").read_bytes()
+
+
+def test_a_policy_whose_actions_are_no_numbers_is_refused(actor, tmp_path):
+    broken = copy.deepcopy(actor)
+    with torch.no_grad():
+        broken.body[-1].bias.fill_(math.nan)
+    for name, policy in (("whole", actor), ("broken", broken)):
+        export(policy, Dict(observation=Box(-np.inf, np.inf, (5,))), tmp_path / name, FACTS)
+    OnnxPolicy(tmp_path / "whole.onnx").check_actions(Box(LOW.numpy(), HIGH.numpy()))
+    with pytest.raises(InvalidInputError, match=r"policy '.*broken\.onnx': expected finite actions, got \[nan, nan\]"):
+        OnnxPolicy(tmp_path / "broken.onnx").check_actions(Box(LOW.numpy(), HIGH.numpy()))
+
+
+def test_an_observation_cannot_have_the_name_of_the_output(actor, tmp_path):
+    with pytest.raises(InvalidInputError, match=r"policy '.*policy': expected no observation named as its output"):
+        export(actor, Dict(action=Box(-np.inf, np.inf, (5,))), tmp_path / "policy", FACTS)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_saved_actor_acts_the_same(actor, exported):
