@@ -160,12 +160,13 @@ class PdmClosed(Agent):
     def _best(self) -> int:
         """The highest score; among equals the one on the centreline, then the slowest where all are bad."""
         totals, beside = self._scores[:, TOTAL], np.arange(PROPOSALS) >= len(FACTORS)
-        if self._detour is not None and self._detour.passing:
-            totals = np.where(beside, 0.0, totals)  # room was judged for the way round alone
+        fails_at = np.minimum(self._scores[:, [MET_AT, OFF_AT]].min(axis=1), 1e3)
+        if self._detour is not None and self._detour.passing:  # room was judged for the way round alone
+            totals, fails_at = np.where(beside, 0.0, totals), np.where(beside, -1.0, fails_at)
         elif self._detour is not None and self._detour.returning:
             totals = totals - RETURN_BONUS * beside
         if totals.max() <= 0.0:  # whichever fails last; the slower among equals
-            return int(np.argmax(np.minimum(self._scores[:, [MET_AT, OFF_AT]].min(axis=1), 1e3)))
+            return int(np.argmax(fails_at))
         return int(np.argmax(totals.round(9)))
 
     def explain(self) -> Explanation | None:
