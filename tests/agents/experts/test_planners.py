@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter  # type: ignore[import-untyped]
 
+from dohyo.agents.experts.detour import Detour
 from dohyo.agents.experts.idm import IdmPlanner
 from dohyo.agents.experts.pdm import LINE_GAP_M, MODEL, PdmClosed, Variant
 from dohyo.agents.experts.proposals import (
@@ -27,7 +29,7 @@ from dohyo.agents.experts.proposals import (
     roll_out,
     score,
 )
-from dohyo.agents.planning.motion import Idm, body, boxes_meet, idm_acceleration, project
+from dohyo.agents.planning.motion import DT, Idm, body, boxes_meet, idm_acceleration, project
 from dohyo.agents.planning.prediction import constant_velocity
 from dohyo.agents.planning.scene import SceneBuilder
 from dohyo.agents.planning.situation import JUNCTION_BIT, ROAD_BIT, ROUTE_BIT, Situation, leader, on_grid, situation
@@ -150,6 +152,17 @@ def test_terms_on_a_free_road() -> None:
     assert states[best, -1, HEADING] == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.parametrize(("most", "ticks"), [(0.9, 4), (0.7, 4), (0.7, 1), (0.9, 12)])
+def test_comfort_bounds_the_yaw_acceleration_as_nuplan_does(most: float, ticks: int) -> None:
+    """From a curve to the right into one to the left, within some ticks around the 21st."""
+    rates = most * np.clip((np.arange(STEPS) - 21.0) / (0.5 * ticks), -1.0, 1.0)
+    states, scores = np.zeros((1, STEPS + 1, STATE)), np.zeros((1, SCORES))
+    states[0, 1:, HEADING] = np.cumsum(rates * DT)
+    score(straight(), CAR, states, scores, 0.0)
+    largest = np.abs(savgol_filter(states[0, :, HEADING], 15, 3, deriv=2, delta=DT)).max()
+    assert scores[0, COMFORT] == (largest <= 1.93)
+
+
 def test_a_collision_is_worth_nothing_and_an_object_half() -> None:
     _, scores = rolled(straight(cars=[(6.5, 0.0, 0.0)]), 12.0)
     assert scores[4, NC] == 0.0
@@ -211,6 +224,19 @@ def test_who_is_about_to_cross_is_waited_for() -> None:
     assert yields[4, 20, SPEED] < 9.0 < goes[4, 20, SPEED]
     too_late, _ = rolled(road, 14.0)  # 3 m/s^2 would not stop it before the crossing: it does not try
     assert too_late[4, 10, SPEED] > 12.5
+
+
+class Passes(Detour):
+    """Always on the way round something."""
+
+    passing = True  # type: ignore[assignment]
+
+
+def test_who_stands_in_the_way_round_is_braked_for_and_not_passed() -> None:
+    """A metre to the left nobody stands, but while the ego passes something room was not judged there."""
+    agent = PdmClosed(looks_ahead=False)
+    agent._detour = Passes(CAR.length, CAR.width)
+    assert agent.act(observation([(14.0, -1.6, 0.0)], speed=10.0)) == pytest.approx([-8.0, 0.0], abs=1e-6)
 
 
 @pytest.mark.parametrize(("variant", "braking"), [("careful", 8.0), ("published", 3.0)])
