@@ -44,7 +44,8 @@ class Settings(Config):
         crafted: What the crafted prior is centred on, with steering straight on: "limit", +1 m/s^2 below the limit,
             else 0 (the thesis's code); "idm", the acceleration IDM would choose (ours).
         learned_prior_s: For how long the learned prior holds (thesis: 1 s, so at the root alone); 0: never.
-        prior_variance: sigma^2 of the priors' Gaussians over index distance (thesis: 100, almost uniform).
+        prior_variance: sigma^2 of the priors' Gaussians over index distance (thesis: 100, almost uniform). Below 0.2
+            those of actions far from all that are allowed would be 0 in double precision.
         constraints: Which continuity constraints hold: "tree", the first action is near the one executed before;
             "node", each further action is near the one above it (thesis: both). See `Rules` for how near.
         steering: What the 13 steering values are. "wheel": front wheel angles pi/24 apart (thesis); "lane": lines 0.5 m
@@ -87,7 +88,7 @@ class Settings(Config):
     prior: Prior = "both"
     crafted: Crafted = "idm"
     learned_prior_s: Annotated[float, Field(ge=0, le=HORIZON_S)] = 1.0
-    prior_variance: Annotated[float, Field(gt=0, le=1e6)] = 100.0
+    prior_variance: Annotated[float, Field(ge=0.2, le=1e6)] = 100.0
     constraints: Constraints = "both"
     steering: Steering = "lane"
     simulator: Simulator = "ours"

@@ -117,7 +117,7 @@ class Mbappe(Agent):
         scene = self.builder.update(observation)
         if self._detour is not None:
             self._detour.update(observation, scene)
-            self.rules = self._rules_of(self._detour, scene.ego.speed)
+        self.rules = self._rules_of(scene.ego.speed)
         road, state, forecast = self.look(scene)
         decision = self.decide(road, state, forecast)
         demand, wheel = self._command(road, state, decision)
@@ -125,11 +125,14 @@ class Mbappe(Agent):
         self._demand = demand if demand >= -HARDEST else min(demand + LET_GO, -HARDEST)
         return np.array([demand, wheel / self._vehicle.max_steering])
 
-    def _rules_of(self, detour: Detour, speed: float) -> Rules:
+    def _rules_of(self, speed: float) -> Rules:
         """More of both actions while the ego passes something; slowly, or on its way back, it may leave its lane."""
-        free = detour.passing or detour.returning or speed < SWERVING_M_S
-        aside = MIDDLE if free else self._aside
-        return self.rules._replace(largest=LARGEST_PASSING if detour.passing else LARGEST, aside=aside)
+        detour = self._detour
+        passing, returning = (False, False) if detour is None else (detour.passing, detour.returning)
+        free = passing or returning or speed < SWERVING_M_S
+        return self.rules._replace(
+            largest=LARGEST_PASSING if passing else LARGEST, aside=MIDDLE if free else self._aside
+        )
 
     def look(self, scene: Scene) -> tuple[Situation, FloatArray, Forecast]:
         """Situation of a scene, the ego's state in it, and the forecast; passing as judged at the last `act`."""
@@ -175,7 +178,8 @@ class Mbappe(Agent):
             self._plan[:] = -1
             waits = max(state[SPEED], self.tree.state[chain[0], SPEED]) < STANDING
             if not (waits and s.drives_off):
-                self._plan[: len(chain)] = self.tree.action[chain]
+                left = chain[1:] if self.rules.hold_steps == 1 else chain  # an action of one tick is over at the next
+                self._plan[: len(left)] = self.tree.action[left]
         action = int(self.tree.action[chain[0]])
         self._last[:] = action // ACTIONS, action % ACTIONS
         danger = self._danger(chain)

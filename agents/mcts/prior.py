@@ -47,7 +47,8 @@ def learned_actions(
             _, side, _ = project(road.path, road.first_s, road.spacing, float(x), float(y), 0.0, 1e6)
             out[k, 1] = _index(side / rules.steering_step)
         else:
-            turn = (trajectory[last, 2] - trajectory[first, 2] + math.pi) % (2 * math.pi) - math.pi
+            end = min(last, len(speed))  # the last action of a plan may last beyond the trajectory
+            turn = (trajectory[end, 2] - trajectory[first, 2] + math.pi) % (2 * math.pi) - math.pi
             moved = max(float(speed[first:last].sum()) * DT, 0.5)
             out[k, 1] = _index(math.atan(car.wheelbase * turn / moved) / rules.steering_step)
     return out

@@ -8,6 +8,7 @@ the thesis's; CHOICES.md lists what is ours.
 from __future__ import annotations
 
 import math
+import os
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from dohyo.agents.mcts.value.mlp import Mlp, no_value, value_of
 from dohyo.agents.planning.motion import Body, Idm
 from dohyo.agents.planning.situation import Situation
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
+from dohyo.sumo_networks.errors import InvalidInputError
 
 PAIRS = ACTIONS * ACTIONS
 NODES, PERFECT_FIRST, BEST_LEAF, DRAWN, WALKED = range(5)
@@ -35,7 +37,7 @@ class Tree(NamedTuple):
         action: (M,) the action that led here, acceleration index times 13 plus steering index.
         depth: (M,) actions since the root.
         state: (M, 10) see `simulator.STATE`.
-        terms: (M, 10) terms of the reward of the action that led here.
+        terms: (M, 11) terms of the reward of the action that led here.
         reward: (M,) their sum.
         beyond: (M,) value network's estimate after a walk that ends here, else 0.
         outcome: (M,) `simulator.ALIVE` or FAILED.
@@ -70,8 +72,28 @@ class Tree(NamedTuple):
 
 
 def make_tree(simulations: int, depth: int) -> Tree:
-    """Memory for a search."""
+    """Memory for a search.
+
+    Raises:
+        InvalidInputError: This machine has less.
+    """
     nodes = simulations * depth + 1
+    needed, most = nodes * sum(array.nbytes for array in _tree(1, 0)), _memory()
+    if needed > most:
+        raise InvalidInputError(
+            f"{simulations} simulations of {depth} actions: expected a tree of at most the {most / 1e9:.1f} GB of "
+            f"memory that this machine has, got one of {needed / 1e9:.1f} GB"
+        )
+    return _tree(nodes, depth)
+
+
+def _memory() -> float:
+    """Memory of this machine, bytes; infinite where the system does not tell."""
+    known = hasattr(os, "sysconf") and {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= os.sysconf_names.keys()
+    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if known else math.inf
+
+
+def _tree(nodes: int, depth: int) -> Tree:
     return Tree(
         numbers=np.zeros(5, dtype=np.int64),
         child=np.full((nodes, PAIRS), -1, dtype=np.int32),

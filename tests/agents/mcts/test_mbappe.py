@@ -73,6 +73,42 @@ def test_behind_a_standing_car_it_stands() -> None:
     assert not touched(worlds)
 
 
+@pytest.mark.parametrize(("hold_s", "over"), [(0.1, 1), (1.0, 0)])
+def test_the_plan_that_is_searched_first_begins_with_what_is_left_of_the_last_one(hold_s: float, over: int) -> None:
+    agent = made(hold_s=hold_s, simulations=32)
+    agent.act(observation([(30.0, 0.0, 0.0)], speed=9.0))
+    why = agent.explain()
+    assert why is not None
+    left = [int(agent.tree.action[node]) for node in why["plan"][over:]]
+    assert agent._plan[: len(left)].tolist() == left
+    assert (agent._plan[len(left) :] == -1).all()
+
+
+class DrivesOn:
+    """A predictor that says that the ego keeps its speed of 5 m/s, and nothing of the others."""
+
+    def predict(self, scene: Scene) -> Forecast:
+        ego = np.column_stack([0.5 * np.arange(STEPS), np.zeros((STEPS, 2))])
+        return Forecast(actors=np.zeros((len(scene.actors.key), STEPS, 3)), ego=ego)
+
+
+@pytest.mark.parametrize("hold_s", [0.3, 1.2])
+def test_a_learned_prior_may_hold_beyond_the_end_of_its_trajectory(hold_s: float) -> None:
+    agent = made(steering="wheel", hold_s=hold_s, learned_prior_s=8.0, simulations=16)
+    agent.predictor = DrivesOn()
+    assert abs(agent.act(observation(speed=5.0))[1]) < 0.2
+
+
+def test_the_least_variance_gives_priors_far_from_the_actions_allowed() -> None:
+    agent = made(prior_variance=0.2, prior="learned", simulations=16)
+    agent.predictor = DrivesOn()
+    for speed in (5.0, 13.0):
+        agent.act(observation([(9.0, 0.0, 0.0)], speed=speed))
+    why = agent.explain()
+    assert why is not None
+    assert all(0.0 <= node["p"] <= 1.0 for node in why["nodes"])
+
+
 def test_at_a_red_light_it_waits_before_the_line() -> None:
     scene = lit_crossing().with_lights(LightState.RED).with_ego(x=-90.0, speed=9.0)
     worlds = drive(made(), scene, 14.0)
@@ -101,8 +137,11 @@ def test_people_are_passed_at_a_distance_that_grows_with_the_speed(room: bool) -
 @pytest.mark.parametrize(
     ("keeps_lane", "speed", "stays"), [(True, 10.0, True), (True, 3.0, False), (False, 10.0, False)]
 )
-def test_at_speed_it_tries_no_lines_outside_its_lane(keeps_lane: bool, speed: float, stays: bool) -> None:
-    planner = made(keeps_lane=keeps_lane)
+@pytest.mark.parametrize("passing", [True, False])
+def test_at_speed_it_tries_no_lines_outside_its_lane(
+    keeps_lane: bool, speed: float, stays: bool, passing: bool
+) -> None:
+    planner = made(keeps_lane=keeps_lane, passing=passing)
     for gap in (14.0, 13.0, 12.0, 11.0):
         planner.act(observation([(gap + 4.6, 0.0, 0.0)], speed=speed))
     explained = planner.explain()
@@ -216,7 +255,9 @@ def test_a_budget_of_time_ends_the_search() -> None:
     assert 0 < why["simulations"] < 50_000
 
 
-@pytest.mark.parametrize("setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"speed": 3}])
+@pytest.mark.parametrize(
+    "setting", [{"prior": "both!"}, {"simulations": 0}, {"hold_s": 0.25}, {"prior_variance": 0.1}, {"speed": 3}]
+)
 def test_settings_that_make_no_sense_are_refused(setting: dict[str, object]) -> None:
     with pytest.raises(SettingsError, match=next(iter(setting))):
         make_agent(resolve("mbappe"), setting)

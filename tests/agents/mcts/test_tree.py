@@ -49,6 +49,7 @@ from dohyo.agents.planning.motion import body
 from dohyo.agents.planning.situation import Situation
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
+from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.mcts.roads import ROAD_M, straight
 
 CAR = body(VehicleParameters(), LATERAL_LIMIT)
@@ -95,6 +96,11 @@ def returns(road: Situation, given: Rules, speed: float, actions: list[list[tupl
                 break
         best = max(best, total)
     return best
+
+
+def test_a_tree_larger_than_the_memory_of_the_machine_is_refused_with_its_size() -> None:
+    with pytest.raises(InvalidInputError, match=r"100000000 simulations of 80 actions: .* GB of memory .* GB"):
+        make_tree(100_000_000, 80)
 
 
 @pytest.mark.parametrize("boxes", [[], [(14.0, 0.0, 0.0)], [(9.0, 1.0, 2.0)]])
