@@ -45,7 +45,7 @@ class Ghrl(Agent):
         """Reads the networks.
 
         Args:
-            arm: Of `ARMS`.
+            arm: What drives: a name of `ARMS`, see the module.
             checkpoint: Folder of the runs; None: the shipped ones.
             lines: Whether GHRL-R's rules drive before a closed line, too; the thesis's RSS knows no lines.
 

@@ -106,7 +106,7 @@ def stopping_speed(distance: float, gap: float) -> float:
 def closed(junctions: Float32Array) -> BoolArray:
     """(N,) whether a line is ahead, and its light red or yellow; `junctions`: (N, 4), see `sensors.junctions_ahead`.
 
-    A yellow light does not count if the ego cannot stop gently, nor does a line behind the front.
+    A yellow light counts however near its line is. A line behind the front does not count.
     """
     stops: BoolArray = (junctions[:, 2] == LightState.RED) | (junctions[:, 2] == LightState.YELLOW)
     return stops & (junctions[:, 0] > 0.0)
