@@ -75,9 +75,9 @@ class Conflicts(Sensor):
         # The path starts under the rear bumper: a pedestrian who walks into the ego's side is a conflict too.
         length, half_width = float(egos.length[ego]), float(egos.width[ego]) / 2
         rear = float(egos.progress[ego]) - length / 2
-        first = route.index(rear)
+        first, spacing = route.index(rear), route.length / (len(route.position) - 1)
         # Place of the ego's rear on that path: not its start if the route has only begun.
-        rear -= first * route.length / (len(route.position) - 1)
+        rear -= first * spacing
         path = route.position[first : first + EGO_LOOKAHEAD_M]
         rows = []
         for other in _others_near(world, ego):
@@ -85,15 +85,14 @@ class Conflicts(Sensor):
             if len(expected) < 2:
                 continue
             half_length, reach = other.length / 2, half_width + other.width / 2 + MARGIN_M
-            meets = _meeting(path, expected, reach)
-            if meets[0] < 0:
+            enter, leave, other_enter, other_leave = _meeting(path, expected, reach)
+            if enter < 0:
                 continue
-            enter, leave, other_enter, other_leave = meets
-            priority = _priority(world, ego, float(first + enter), other, connection, to_junction)
+            priority = _priority(world, ego, (first + enter) * spacing, other, connection, to_junction)
             rows.append(
                 (
-                    enter - rear - length,
-                    leave - rear if leave < len(path) - 1 else 1000.0,
+                    enter * spacing - rear - length,
+                    leave * spacing - rear if leave < len(path) - 1 else 1000.0,
                     other_enter - half_length,
                     other_leave + half_length,
                     other.speed,
@@ -214,12 +213,13 @@ def _lane_path(network: RoadNetwork, lane: int, indicator: int) -> tuple[FloatAr
 
 
 @njit(cache=True)
-def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[float, float, float, float]:
-    """Finds where two paths of points 1 m apart come within reach [m] of each other.
+def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[int, int, float, float]:
+    """Finds where two paths come within reach [m] of each other.
 
     Returns:
-        Indices on the ego's path at which the paths meet and part, then those on the other's path. The first is -1 if
-        the paths never meet, or if the other is in the ego's path already, or behind it, with the same direction.
+        Indices on the ego's path at which the paths meet and part, then distances along the other's path [m]. The first
+        is -1 if the paths never meet, or if the other is in the ego's path already, or behind it, with the same
+        direction.
     """
     enter, leave, other_enter, other_leave = -1, -1, 1_000_000, -1
     spacing = math.hypot(other[1, 0] - other[0, 0], other[1, 1] - other[0, 1])
@@ -233,11 +233,11 @@ def _meeting(ego: FloatArray, other: FloatArray, reach: float) -> tuple[float, f
                 other_enter = min(other_enter, j)
                 other_leave = max(other_leave, j)
     if enter < 0:
-        return -1.0, 0.0, 0.0, 0.0
+        return -1, 0, 0.0, 0.0
     if (other_enter == 0 or enter == 0) and ego.shape[0] > enter + 1:
         ex, ey = ego[enter + 1, 0] - ego[enter, 0], ego[enter + 1, 1] - ego[enter, 1]
         j = min(other_enter, other.shape[0] - 2)
         ox, oy = other[j + 1, 0] - other[j, 0], other[j + 1, 1] - other[j, 1]
         if ex * ox + ey * oy > 0.7 * math.hypot(ex, ey) * math.hypot(ox, oy):
-            return -1.0, 0.0, 0.0, 0.0
-    return float(enter), float(leave), other_enter * spacing, other_leave * spacing
+            return -1, 0, 0.0, 0.0
+    return enter, leave, other_enter * spacing, other_leave * spacing

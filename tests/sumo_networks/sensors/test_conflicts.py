@@ -69,6 +69,18 @@ def test_distances_are_right_at_the_very_start_of_the_route_too() -> None:
     np.testing.assert_allclose(conflicts(begun), conflicts(long_since), atol=1.1)
 
 
+@pytest.mark.parametrize("spacing_m", [0.9, 1.1])
+def test_the_points_of_a_route_need_not_be_a_metre_apart(spacing_m: float) -> None:
+    """Smoothing shortens a route, so that its points are less than a metre apart."""
+    world = eastward(lit_crossing()).with_actor(speed=8.0, **FROM_SOUTH).with_lights(LightState.RED).world()
+    (route,) = world.routes
+    arc = np.linspace(0.0, route.length, len(route.position))
+    at = np.linspace(0.0, route.length, round(route.length / spacing_m) + 1)
+    points = np.column_stack([np.interp(at, arc, column) for column in route.position.T])
+    respaced = dataclasses.replace(world, routes=(dataclasses.replace(route, position=points),))
+    np.testing.assert_allclose(read_rows(respaced), read_rows(world), atol=1.1)
+
+
 # Right of way
 
 
