@@ -38,7 +38,7 @@ def read_settings(kind: type[C], path: Path | None, overrides: Sequence[str] = (
     try:
         return kind.model_validate(_completed(_defaults(kind), document))
     except ValidationError as error:
-        raise InvalidInputError(f"{where}: {_reason(kind, error.errors()[0])}") from error
+        raise InvalidInputError(f"{where}: {_reason(kind, error.errors())}") from error
 
 
 def as_toml(config: Config) -> str:
@@ -106,7 +106,9 @@ def _value(text: str) -> Any:
         return text
 
 
-def _reason(kind: type[BaseModel], error: ErrorDetails) -> str:
+def _reason(kind: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
+    # A misspelt key is missing and unknown; the latter says more.
+    error = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     key = ".".join(map(str, error["loc"]))
     if error["type"] != "extra_forbidden":
         return f"{key}: {error['msg']}, got {error['input']!r}" if error["type"] != "missing" else f"{key} is missing"

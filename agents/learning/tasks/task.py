@@ -148,13 +148,17 @@ def check_spaces(what: str, observations: gymnasium.Space[Any], actions: gymnasi
         vector = isinstance(space, Box) and space.dtype == np.float32 and len(space.shape) == 1
         picture = isinstance(space, Box) and space.dtype == np.uint8 and len(space.shape) == 3
         if not (vector or picture):
+            got = f"{space.dtype} {space.shape}" if isinstance(space, Box) else str(space)
             raise InvalidInputError(
                 f"{what}: expected observation '{name}' to be a vector of float32 or a picture (C, H, W) of uint8, "
-                f"got {space.dtype} {space.shape}"
+                f"got {got}"
             )
     if isinstance(actions, Discrete) and actions.start == 0:
         return
     if not isinstance(actions, Box) or actions.dtype != np.float32 or len(actions.shape) != 1:
         raise InvalidInputError(f"{what}: expected actions to be a vector of float32 or Discrete from 0, got {actions}")
     if not actions.is_bounded() or not (actions.low < actions.high).all():
-        raise InvalidInputError(f"{what}: expected actions with finite bounds, got {actions.low} to {actions.high}")
+        raise InvalidInputError(
+            f"{what}: expected actions with finite bounds, each low one below its high one, got {actions.low} to "
+            f"{actions.high}"
+        )

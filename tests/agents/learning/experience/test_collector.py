@@ -392,6 +392,8 @@ def test_a_repeated_action_leaves_the_last_observation_of_an_agent_that_ended():
         ({"action_space": Box(-np.inf, np.inf, (1,), np.float32)}, "expected actions with finite bounds"),
         ({"observation_space": Box(-1, 1, (2,), np.float64)}, "to be a vector of float32 or a picture"),
         ({"observation_space": Box(-1, 1, (2, 2), np.float32)}, "to be a vector of float32 or a picture"),
+        ({"action_space": Box(0, 0, (1,), np.float32)}, "each low one below its high one"),
+        ({"observation_space": Dict(parts=Dict(a=Box(-1, 1, (2,))))}, r"picture .* of uint8, got Dict\('a'"),
         ({"observation_space": Dict(action=Box(-1, 1, (2,)))}, "no observation named as a policy's output"),
         ({"action_space": Box(-1, 1, (1, 1), np.float32)}, "expected actions to be a vector of float32 or Discrete"),
     ],

@@ -78,6 +78,8 @@ def test_mistakes_are_named(text, overrides, message, tmp_path):
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(InvalidInputError, match="text is missing"):
         read_settings(Odd, None)
+    with pytest.raises(InvalidInputError, match=r"unknown key 'txt'; did you mean 'text'\?"):
+        read_settings(Odd, None, ["txt=a"])
     with pytest.raises(InvalidInputError, match="cannot read"):
         read_settings(Odd, tmp_path / "none.toml")
 
