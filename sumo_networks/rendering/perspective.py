@@ -48,6 +48,20 @@ class Canvas(NamedTuple):
     scratch: FloatArray
 
 
+class Haze(NamedTuple):
+    """The fog before what is drawn; see `develop.develop_colours`.
+
+    Attributes:
+        ray: (H, W) metres along a pixel's ray per metre of depth.
+        fog: (D, 2) light, and share of a colour left, per half metre.
+        horizon: (3,) colour of fog.
+    """
+
+    ray: Float32Array
+    fog: Float32Array
+    horizon: Float32Array
+
+
 @njit(cache=True, inline="always")
 def pack(red: float, green: float, blue: float) -> np.uint32:
     """0x00BBGGRR of a colour from 0 to 255."""
@@ -250,21 +264,26 @@ def facade(canvas: Canvas, polygon: FloatArray, colour: FloatArray, label: int, 
 
 
 @njit(cache=True, error_model="numpy")
-def shadow(
-    value: Values, polygon: FloatArray, count: int, lens: FloatArray, strength: float, scratch: FloatArray
-) -> None:
-    """Darkens the ground inside a polygon."""
+def shadow(canvas: Canvas, polygon: FloatArray, count: int, strength: float, haze: Haze) -> None:
+    """Darkens the ground inside a polygon, but not the fog before it; no body may be drawn yet."""
+    value, inverse, scratch, horizon = canvas.value, canvas.inverse, canvas.scratch, haze.horizon
     rows, columns = value.shape
     corners = scratch[1]
-    kept, low, high = project(polygon, count, lens, scratch[0], corners)
+    kept, low, high = project(polygon, count, canvas.lens, scratch[0], corners)
     if kept == 0:
         return
     keep = 1.0 - strength
     for row in range(max(math.ceil(low - 0.5), 0), min(math.ceil(high - 0.5), rows)):
         first, last = span(corners, kept, row, columns)
         for column in range(first, last):
-            old = value[row, column]
-            value[row, column] = pack((old & 255) * keep, ((old >> 8) & 255) * keep, ((old >> 16) & 255) * keep) | FINAL
+            near, old = inverse[row, column], value[row, column]
+            if near <= 0.0:
+                continue
+            white = strength * (1.0 - haze.fog[int(haze.ray[row, column] / near * 2.0), 1])
+            red = (old & 255) * keep + white * horizon[0]
+            green = ((old >> 8) & 255) * keep + white * horizon[1]
+            blue = ((old >> 16) & 255) * keep + white * horizon[2]
+            value[row, column] = pack(red, green, blue) | FINAL
 
 
 @njit(cache=True, error_model="numpy")

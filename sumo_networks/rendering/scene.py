@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dohyo.sumo_networks.arrays import FloatArray, IntArray
-from dohyo.sumo_networks.rendering.perspective import NEAR_M, Canvas, block, facade, face, frame_of, point, shadow
+from dohyo.sumo_networks.rendering.perspective import NEAR_M, Canvas, Haze, block, facade, face, frame_of, point, shadow
 
 HEAD_LOW_M, HEAD_HIGH_M = 4.0, 5.6
 LAMP_TOP_M, LAMP_STEP_M, LAMP_RADIUS_M = 5.3, 0.5, 0.22
@@ -18,7 +18,9 @@ SIGN_M, SIGN_RADIUS_M = 2.43, 0.46
 
 
 @njit(cache=True, error_model="numpy")
-def draw_shadows(canvas: Canvas, bodies: FloatArray, heights: FloatArray, sun: FloatArray, strength: float) -> None:
+def draw_shadows(
+    canvas: Canvas, bodies: FloatArray, heights: FloatArray, sun: FloatArray, strength: float, haze: Haze
+) -> None:
     """Draws the shadows of bodies: soft under them, and to the side away from the sun.
 
     Args:
@@ -27,25 +29,29 @@ def draw_shadows(canvas: Canvas, bodies: FloatArray, heights: FloatArray, sun: F
         heights: (N,) heights, m.
         sun: (2,) vector of a shadow per metre of height, m, network frame.
         strength: Share of the light that comes from the sun.
+        haze: The fog before the ground.
     """
-    ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
-    frame, polygon = scratch[4], scratch[5]
+    frame, polygon, slope = canvas.scratch[4], canvas.scratch[5], math.hypot(sun[0], sun[1])
     for i in range(bodies.shape[0]):
-        dx, dy = bodies[i, 0] - ego[0], bodies[i, 1] - ego[1]
-        if dx * dx + dy * dy > range_m * range_m:
-            continue
-        frame_of(bodies[i, 0], bodies[i, 1], bodies[i, 2], ego, mount, frame)
+        frame_of(bodies[i, 0], bodies[i, 1], bodies[i, 2], canvas.ego, canvas.mount, frame)
         a, b = bodies[i, 3] / 2, bodies[i, 4] / 2
-        if frame[0, 0] + a + b < NEAR_M:
+        if frame[0, 0] + a + b < NEAR_M or _farther(frame, canvas.range_m + a + b + slope * heights[i]):
             continue
         _rectangle(frame, a + 0.12, b + 0.12, polygon)
-        shadow(canvas.value, polygon, 4, lens, 0.32, scratch)
+        shadow(canvas, polygon, 4, 0.32, haze)
         if strength > 0.05:
             c, s = math.cos(bodies[i, 2]), math.sin(bodies[i, 2])
             reach = heights[i]
             u, v = (c * sun[0] + s * sun[1]) * reach, (c * sun[1] - s * sun[0]) * reach
             count = _swept(frame, a, b, u, v, polygon)
-            shadow(canvas.value, polygon, count, lens, 0.42 * strength, scratch)
+            shadow(canvas, polygon, count, 0.42 * strength, haze)
+
+
+@njit(cache=True, error_model="numpy")
+def _farther(frame: FloatArray, distance_m: float) -> bool:
+    """Whether the origin of a frame from `frame_of` is farther than a distance from the camera."""
+    x, y, z = frame[0, 0], frame[0, 1], frame[0, 2]
+    return bool(x * x + y * y + z * z > distance_m * distance_m)
 
 
 @njit(cache=True, error_model="numpy")
@@ -122,20 +128,19 @@ def draw_bodies(canvas: Canvas, bodies: Bodies, models: Models, coloured: bool) 
         models: Models of the actors.
         coloured: Whether to draw colours instead of labels.
     """
-    ego, mount, lens, range_m, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.range_m, canvas.scratch
+    ego, mount, lens, scratch = canvas.ego, canvas.mount, canvas.lens, canvas.scratch
     boxes, kind, indicator = bodies.boxes, bodies.kind, bodies.indicator
     parts = models.parts
     frame, box, side, top = scratch[4], np.empty(9), np.empty(3), np.empty(3)
     slope_u, slope_v = lens[1] / lens[0], lens[2] / lens[0]
     for i in range(boxes.shape[0]):
-        dx, dy = boxes[i, 0] - ego[0], boxes[i, 1] - ego[1]
-        if dx * dx + dy * dy > range_m * range_m:
-            continue
         frame_of(boxes[i, 0], boxes[i, 1], boxes[i, 2], ego, mount, frame)
         half_length, half_width = boxes[i, 3] / 2, boxes[i, 4] / 2
         reach = math.sqrt(half_length * half_length + half_width * half_width + bodies.heights[i] * bodies.heights[i])
         depth = frame[0, 0]
-        # Skip an actor whose bounding sphere is wholly outside the view: behind, to the side, above or below.
+        # Skip an actor whose bounding sphere is wholly outside the view: too far, behind, to the side, above or below.
+        if _farther(frame, canvas.range_m + reach):
+            continue
         if depth + reach < NEAR_M or abs(frame[0, 1]) - depth * slope_u > reach * math.sqrt(1.0 + slope_u * slope_u):
             continue
         if abs(frame[0, 2]) - depth * slope_v > reach * math.sqrt(1.0 + slope_v * slope_v):

@@ -25,7 +25,7 @@ from dohyo.sumo_networks.rendering.develop import add_rain, develop_colours, dev
 from dohyo.sumo_networks.rendering.fixtures import fixtures_of
 from dohyo.sumo_networks.rendering.ground import ground_colours, ground_labels
 from dohyo.sumo_networks.rendering.labels import OF_KIND, OF_SURFACE, Label
-from dohyo.sumo_networks.rendering.perspective import Canvas
+from dohyo.sumo_networks.rendering.perspective import Canvas, Haze
 from dohyo.sumo_networks.rendering.scene import (
     Bodies,
     Models,
@@ -181,7 +181,7 @@ class Camera(Sensor):
         heights = HEIGHT_M[kind]
         canvas = Canvas(self._value, self._inverse, place, view.mount, view.lens, light, reach, scratch)
         if coloured:
-            draw_shadows(canvas, bodies, heights, shadows, view.air.sun)
+            draw_shadows(canvas, bodies, heights, shadows, view.air.sun, Haze(view.ray, view.fog, self._horizon))
         draw_bodies(canvas, Bodies(bodies, kind, indicator, own_colours(kind, key), heights), _MODELS, coloured)
         draw_fixtures(canvas, around.heads, world.signals[around.signal], around.wires, around.signs, not coloured)
         label, night = -1 if coloured else int(Label.BUILDING), 0.3 * min(view.air.lamps / 0.4, 1.0)

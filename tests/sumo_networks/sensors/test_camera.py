@@ -15,6 +15,7 @@ from dohyo.sumo_networks.rendering.labels import Label
 from dohyo.sumo_networks.routes.routing import plan_route
 from dohyo.sumo_networks.scenario import Mission, Place
 from dohyo.sumo_networks.sensors import CameraConfig, Track, make_sensors
+from dohyo.sumo_networks.units import SIGHT_M
 from dohyo.sumo_networks.world import ActorKind, LightState, World
 from tests.worlds import Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
 
@@ -307,6 +308,32 @@ def test_fog_grows_with_distance() -> None:
 
     near, far = ({name: contrast(name, ahead) for name in ("clear", "heavy-rain")} for ahead in (12.0, 45.0))
     assert far["heavy-rain"] / near["heavy-rain"] < 0.5 * far["clear"] / near["clear"]
+
+
+@pytest.mark.parametrize("conditions", ["clear", "heavy-rain"])
+def test_shadows_fade_with_distance_as_the_ground_does(conditions: str) -> None:
+    def darkest(share: float) -> float:
+        ahead = share * min(CONDITIONS[conditions].visibility_m, SIGHT_M)
+        truck = road().with_actor(300.0 + X + ahead, kind=ActorKind.TRUCK, length=6.0, width=2.5).world()
+        there, alone = (shot(world, "rgb", conditions, fov_deg=20.0) for world in (truck, road().world()))
+        ground = shot(truck, "semantic", conditions, fov_deg=20.0)[0] != Label.VEHICLE
+        return float((alone.astype(float) - there)[:, ground].max())
+
+    assert darkest(0.35) > 10.0
+    assert darkest(0.93) < 6.0
+
+
+@pytest.mark.parametrize("kind", [ActorKind.BUS, ActorKind.TRUCK])
+@pytest.mark.parametrize("x_m", [X, 8.0])
+def test_a_long_body_is_seen_as_far_as_the_sight_reaches(kind: ActorKind, x_m: float) -> None:
+    """Its centre is out of sight, its rear is not."""
+    sight = CONDITIONS["heavy-rain"].visibility_m
+    world = road().with_actor(300.0 + x_m + sight - 4.0 + 9.0, kind=kind, length=18.0, width=2.5).world()
+    labels, depth = (shot(world, mode, "heavy-rain", x_m=x_m)[0] for mode in ("semantic", "depth"))
+    seen = labels == Label.VEHICLE
+    assert seen.any()
+    assert depth[seen].min() == pytest.approx(sight - 4.0, abs=0.2)
+    assert depth[seen].max() < sight
 
 
 def test_noise_follows_from_the_seed_alone() -> None:
