@@ -34,6 +34,7 @@ from dohyo.agents.planning.crossing import crossers
 from dohyo.agents.planning.sidestep import Sidestep
 from dohyo.agents.planning.surroundings import Surroundings, ran_into_from_behind
 from dohyo.agents.planning.warm_up import empty_road
+from dohyo.agents.safety.stop_signs import NextStop
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.evaluation.settings import FieldsOf
 from dohyo.sumo_networks.arrays import Float32Array
@@ -113,7 +114,7 @@ class Autopilot(Agent):
 
     def _reset_memory(self) -> None:
         self._standing, self._refused = 0.0, 0.0
-        self._stopped_at_sign = False
+        self._sign = NextStop(below=0.05, within=2.5)
         self._reason: Explanation = {}
         self._aside = Sidestep()
         self._passing = Passing(self._half_length, self._half_width)
@@ -256,18 +257,15 @@ class Autopilot(Agent):
     def _lights(self, speed: float, junctions: Float32Array) -> float:
         """Stops at red lines, at yellow ones where that is comfortable, and once at every stop sign."""
         wish = FREE
-        for row, (distance, _, signal, control) in enumerate(junctions):
+        for distance, _, signal, _ in junctions:
             if distance < -0.5 or distance >= 1000.0:
                 continue
             braking = speed**2 / (2 * max(float(distance) - 0.3, 0.1))
             if signal == RED or (signal == YELLOW and braking < 3.5):
                 wish = min(wish, self._stop_at(speed, float(distance)))
-            if control == 2 and row == 0:
-                self._stopped_at_sign = self._stopped_at_sign or (speed < 0.05 and distance < 2.5)
-                if not self._stopped_at_sign:
-                    wish = min(wish, self._stop_at(speed, float(distance)))
-        if junctions[0, 3] != 2 or junctions[0, 0] < -0.5:
-            self._stopped_at_sign = False
+        self._sign.update(speed, junctions)
+        if self._sign.row >= 0 and not self._sign.stood:
+            wish = min(wish, self._stop_at(speed, self._sign.distance))
         return wish
 
     def _conflicts(self, speed: float, observation: Observation, around: Surroundings) -> float:

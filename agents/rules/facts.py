@@ -17,6 +17,7 @@ from dohyo.agents.planning.sidestep import Sidestep
 from dohyo.agents.planning.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.agents.rules.solver import Fact, fact
 from dohyo.agents.safety.rss_monitor import Danger
+from dohyo.agents.safety.stop_signs import NextStop
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
@@ -31,6 +32,7 @@ FAR_M = 1000.0
 NEAREST_AHEAD, NEAREST_CROSSING, NEAREST_IN_LANE = 4, 8, 3
 SIGHT_M = float(POINTS - BEHIND - 1)
 STANDS_M_S, DROVE_M_S, WAITS_M_S = 0.3, 1.0, 0.6
+STOOD_M_S, STOOD_M = 0.05, 2.5
 ASKEW = 0.997
 CORRIDOR_MARGIN_M = 0.3
 STRIP_MARGIN_M = 0.3
@@ -76,7 +78,7 @@ class Memory:
     Attributes:
         standing: Time for which the ego has stood or crept, s.
         refused: Time for which it has waited for crossing traffic, s.
-        stood_at_line: Whether it has stood at the next stop sign.
+        stop: The next stop sign, and whether it has stood there.
         stood: Standing time of each actor, s.
         driven: Actors that have been seen driving.
         raced: Remaining time of mistrust of each actor that was seen racing, s.
@@ -84,7 +86,7 @@ class Memory:
 
     standing: float = 0.0
     refused: float = 0.0
-    stood_at_line: bool = False
+    stop: NextStop = field(default_factory=lambda: NextStop(STOOD_M_S, STOOD_M))
     stood: dict[int, float] = field(default_factory=dict)
     driven: set[int] = field(default_factory=set)
     raced: dict[int, float] = field(default_factory=dict)
@@ -99,9 +101,7 @@ class Memory:
         racing = float(observation["path"][BEHIND, 4]) + RACING_M_S
         kept = {key: left - TICK_S for key, left in self.raced.items() if left > TICK_S}
         self.raced = kept | {one.key: RACED_S for one in neighbours if one.speed > racing}
-        distance, _, _, sign = (float(v) for v in junctions[0])
-        at_sign = sign == RightOfWay.STOP and -0.5 <= distance < FAR_M
-        self.stood_at_line = at_sign and (self.stood_at_line or (speed < 0.05 and distance < 2.5))
+        self.stop.update(speed, junctions)
 
     def wait(self, speed: float, waiting: bool) -> None:
         """Updates the waiting time of the ego."""
@@ -173,8 +173,8 @@ class FactsBuilder:
                 yield fact("signal", number, SIGNAL[int(signal)])
             if int(sign) in SIGN:
                 yield fact("sign", number, SIGN[int(sign)])
-        if memory.stood_at_line:
-            yield fact("stood_at", 1)
+        if memory.stop.stood:
+            yield fact("stood_at", memory.stop.row + 1)
 
     def _ahead(
         self, neighbours: Sequence[Neighbour], speed: float, aside: Sidestep, progress: float

@@ -7,8 +7,8 @@ from typing import Final
 
 from dohyo.agents.safety.rss import EGO, RssConstants, behind_distance
 from dohyo.agents.safety.rss_monitor import response_ticks
+from dohyo.agents.safety.stop_signs import NextStop
 from dohyo.sumo_networks.arrays import Float32Array
-from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.world import LightState
 
 MARGIN_M: Final = 0.5
@@ -17,8 +17,6 @@ YELLOW_M_S2: Final = 3.5
 """Braking with which an ego still stops at yellow; harder than that it drives on, as in `lights.lp`."""
 STANDS_M_S, STOOD_M = 0.1, 4.0
 """Below this speed, so near to a stop sign's line, an ego has stopped there; as the infraction is judged."""
-ANOTHER_M: Final = 1.0
-"""Growth of the distance to the next junction that tells that it is another one."""
 LIT: Final = (LightState.RED, LightState.YELLOW, LightState.GREEN)
 
 
@@ -38,7 +36,7 @@ class LineMonitor:
     def reset(self) -> None:
         """Clears the state of the last episode."""
         self.critical, self._left = False, 0
-        self._distance, self._stood = math.inf, False
+        self._stop = NextStop(STANDS_M_S, STOOD_M)
 
     def update(self, speed: float, junctions: Float32Array) -> None:
         """Updates by one tick.
@@ -48,22 +46,15 @@ class LineMonitor:
             junctions: (4, 4), see `sensors.junctions_ahead`.
         """
         least = behind_distance(speed, 0.0, self._constants.numbers) + MARGIN_M
-        self._watch_stop(speed, float(junctions[0, 0]))
+        self._stop.update(speed, junctions)
         danger = any(_closed(speed, float(row[0]), int(row[2])) and row[0] < least for row in junctions)
-        danger = danger or (self._must_stop(junctions[0]) and bool(junctions[0, 0] < least))
+        danger = danger or (self._must_stop(junctions) and self._stop.distance < least)
         self._left = response_ticks(self._constants) if danger else max(self._left - 1, 0)
         self.critical = danger or self._left > 0
 
-    def _watch_stop(self, speed: float, distance: float) -> None:
-        """Remembers whether the ego has stood before the next junction."""
-        if distance > self._distance + ANOTHER_M:
-            self._stood = False
-        self._distance = distance
-        self._stood = self._stood or (speed < STANDS_M_S and 0.0 < distance < STOOD_M)
-
-    def _must_stop(self, junction: Float32Array) -> bool:
-        distance, _, light, sign = junction.tolist()
-        return distance > 0.0 and sign == RightOfWay.STOP and light not in LIT and not self._stood
+    def _must_stop(self, junctions: Float32Array) -> bool:
+        stop = self._stop
+        return 0.0 < stop.distance < math.inf and not stop.stood and int(junctions[stop.row, 2]) not in LIT
 
 
 def _closed(speed: float, distance: float, light: int) -> bool:

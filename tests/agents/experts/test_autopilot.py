@@ -96,6 +96,17 @@ def test_at_a_stop_sign_it_stands_and_then_goes() -> None:
     assert fronts(worlds)[-1] > 20.0
 
 
+def test_it_brakes_for_a_stop_sign_behind_the_next_junction_until_it_has_stood_there() -> None:
+    agent, scene = made("Autopilot"), straight_road().with_ego(x=100.0, speed=8.0)
+    agent.reset(scene.mission, 0)
+    observation = observed(agent, scene.world())
+    for speed, stop, brakes in [(8.0, 14.0, True), (0.0, 1.5, False), (1.0, 1.4, False)]:
+        junctions = [[stop - 9.0, stop + 1.5, -1.0, 0.0], [stop, stop + 9.0, -1.0, 2.0]]
+        observation["junctions_ahead"][:2] = junctions
+        observation["speedometer"][0] = speed
+        assert (agent.act(observation)[0] < 0.5) == brakes
+
+
 # Others
 
 

@@ -229,7 +229,7 @@ def test_who_is_about_to_cross_is_waited_for() -> None:
 class Passes(Detour):
     """Always on the way round something."""
 
-    passing = True  # type: ignore[assignment]
+    passing = True
 
 
 def test_who_stands_in_the_way_round_is_braked_for_and_not_passed() -> None:

@@ -87,6 +87,7 @@ LIGHTS = [
     Case("-closed(1)", "junction(1,200,350). signal(1,green).", "junction(1,200,350)."),
     Case("closed(1)", "junction(1,90,200). sign(1,stop).", "junction(1,90,200). sign(1,stop). stood_at(1)."),
     Case("closed(1)", "junction(1,90,200). sign(1,stop).", "junction(1,90,200). sign(1,yield)."),
+    Case("closed(2)", "junction(2,90,200). sign(2,stop).", "junction(2,90,200). sign(2,stop). stood_at(2)."),
     Case("stop(200)", "junction(1,200,350). signal(1,red).", "junction(1,200,350). signal(1,green)."),
     Case("stop(500)", "junction(2,500,650). signal(2,red).", "junction(2,500,650). signal(2,green)."),
 ]

@@ -68,6 +68,17 @@ def test_it_stands_once_at_a_stop_sign(agent: RulesOnly) -> None:
     assert fronts(worlds)[-1] > scene.stop_line("w_c_0") + 10.0
 
 
+def test_it_brakes_for_a_stop_sign_behind_the_next_junction_until_it_has_stood_there(agent: RulesOnly) -> None:
+    scene = ego(8.0)
+    agent.reset(scene.mission, 0)
+    observation = observed(agent, scene.world())
+    for speed, stop, brakes in [(8.0, 14.0, True), (0.0, 1.5, False), (1.0, 1.4, False)]:
+        junctions = [[stop - 9.0, stop + 1.5, -1.0, 0.0], [stop, stop + 9.0, -1.0, 2.0]]
+        observation["junctions_ahead"][:2] = junctions
+        observation["speedometer"][0] = speed
+        assert (agent.act(observation)[0] < 0.5) == brakes
+
+
 def test_it_stops_for_what_appears_ahead_and_goes_on_when_it_is_gone(agent: RulesOnly) -> None:
     # 30 m ahead, for 10 s; then it leaves faster than the ego could follow.
     scene = ego(10.0).with_actor(132.0, lambda t: 0.0 if t < 10.0 else 25.0)

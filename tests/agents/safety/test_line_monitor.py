@@ -71,6 +71,19 @@ def test_a_stop_sign_is_a_danger_until_the_ego_has_stood_at_its_line_and_again_a
     assert critical(3.0, 0.6)
 
 
+def behind_a_junction(stop: float) -> Float32Array:
+    """A stop sign behind a junction that the ego is about to leave or to enter."""
+    signs = np.array([[stop - 9.0, stop + 1.5, -1.0, RightOfWay.MAJOR], [stop, stop + 9.0, -1.0, RightOfWay.STOP]])
+    return np.array([*signs, FAR, FAR], dtype=np.float32)
+
+
+def test_a_stop_sign_behind_the_next_junction_is_a_danger_until_the_ego_has_stood_at_its_line() -> None:
+    monitor = LineMonitor(EGO.model_copy(update={"reaction_s": 0.05}))
+    for speed, distance, critical in [(8.0, 6.0, True), (0.0, 1.2, False), (2.0, 0.6, False)]:
+        monitor.update(speed, behind_a_junction(distance))
+        assert monitor.critical == critical
+
+
 @pytest.mark.parametrize(("constants", "ticks"), [(EGO, 3), (LITERATURE, 5)])
 def test_the_interval_outlasts_the_danger_by_the_response_time_and_ends_with_the_episode(
     constants: RssConstants, ticks: int
