@@ -8,9 +8,11 @@ from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
+from sumolib.net.lane import get_allowed
 
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from dohyo.sumo_networks.networks.network import RoadNetwork
+from dohyo.sumo_networks.networks.xml_guard import read_elements
 
 CELL_M = 32.0
 LONGEST_M = 25.0
@@ -126,10 +128,10 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
     inside = np.char.startswith(lanes.ids, ":")
     foot = lanes.pedestrian & ~lanes.drivable & ~inside
     cycle = lanes.bicycle & ~lanes.pedestrian & ~lanes.drivable & ~inside
-    other = ~(lanes.drivable | lanes.pedestrian | lanes.bicycle | inside)
-    street = lanes.drivable & ~lanes.internal
+    tracks, others = _tracks_and_streets(network)
+    street = (lanes.drivable | others) & ~lanes.internal
     half = lanes.width / 2
-    yield _Lines(network, other).band(half), Surface.TRACK, _TRACK
+    yield _Lines(network, tracks & ~inside).band(half), Surface.TRACK, _TRACK
     outlines, _, layers = _outlines(network)
     for layer, kerb in ((_JUNCTION, _JUNCTION_KERB), (_WALK, _WALK_KERB)):
         rims = [_rim(outline) for outline, its in zip(outlines, layers, strict=True) if its == layer]
@@ -140,7 +142,7 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
     yield _Lines(network, cycle).band(half), Surface.CYCLEWAY, _CYCLE
     yield road.band(half + KERB_M), Surface.KERB, _ROAD_KERB
     # A little wider than the lane, so that no kerb is visible between two lanes.
-    yield _Lines(network, lanes.drivable).band(half + OVERLAP_M), Surface.ROAD, _ROAD
+    yield _Lines(network, lanes.drivable | others).band(half + OVERLAP_M), Surface.ROAD, _ROAD
     crossing = _Lines(network, lanes.crossing)
     yield crossing.band(half), Surface.CROSSING, _CROSS
     yield crossing.dashes(0.0, half, STRIPE_M, STRIPE_PERIOD_M), Surface.STRIPE, _STRIPE
@@ -148,6 +150,35 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
     yield _Lines(network, street & (lanes.left < 0)).band(thin, half), Surface.LINE, _LINE
     yield _Lines(network, street & (lanes.left >= 0)).dashes(half, thin, DASH_M, DASH_PERIOD_M), Surface.LINE, _LINE
     yield _stop_lines(network), Surface.STOP_LINE, _LINE
+
+
+@lru_cache(maxsize=4)
+def _tracks_and_streets(network: RoadNetwork) -> tuple[BoolArray, BoolArray]:
+    """(L,) tracks, and (L,) streets without cars, as for buses and deliveries; without lanes of people and bicycles.
+
+    The tables of a network do not tell one from the other, but its file does.
+    """
+    lanes = network.lanes
+    unknown = ~(lanes.drivable | lanes.pedestrian | lanes.bicycle)
+    tracks, streets = np.zeros_like(unknown), np.zeros_like(unknown)
+    if not unknown.any():
+        return tracks, streets
+    allowed: dict[str, frozenset[str]] = {}
+
+    def element(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "lane":
+            allowed[attributes["id"]] = frozenset(get_allowed(attributes.get("allow"), attributes.get("disallow")))
+
+    read_elements(network.path, element)
+    for lane in np.flatnonzero(unknown).tolist():
+        classes = allowed[str(lanes.ids[lane])]
+        streets[lane] = bool(classes - _RAIL - _NO_VEHICLES_OF_ROADS)
+        tracks[lane] = not streets[lane] and bool(classes & _RAIL)
+    return tracks, streets
+
+
+_RAIL = frozenset(("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car"))
+_NO_VEHICLES_OF_ROADS = frozenset(("ship", "aircraft", "drone"))
 
 
 class _Lines:
@@ -241,12 +272,10 @@ def _rim(outline: FloatArray) -> FloatArray:
 
 
 def _outlines(network: RoadNetwork) -> tuple[list[FloatArray], list[Surface], list[int]]:
-    """Outlines with surface and layer: junctions for cars are road, others and walking areas are sidewalk."""
+    """Outlines with surface and layer: junctions of streets are road, others and walking areas are sidewalk."""
     lanes = network.lanes
-    names = [str(name) for name in lanes.ids]
-    driven = {
-        name[1:].rsplit("_", 2)[0] for name, yes in zip(names, lanes.drivable, strict=True) if yes and name[0] == ":"
-    }
+    names, paved = [str(name) for name in lanes.ids], lanes.drivable | _tracks_and_streets(network)[1]
+    driven = {name[1:].rsplit("_", 2)[0] for name, yes in zip(names, paved, strict=True) if yes and name[0] == ":"}
     shapes: list[FloatArray] = []
     surfaces: list[Surface] = []
     layers: list[int] = []

@@ -17,7 +17,15 @@ from dohyo.sumo_networks.rendering.fixtures import fixtures_of
 from dohyo.sumo_networks.rendering.surfaces import CellIndex, Surface, ground_of
 from dohyo.sumo_networks.rendering.tiles import CAPACITY, SIDE_PX, Tiles, rasterise
 from dohyo.sumo_networks.world import ActorKind
-from tests.worlds import crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
+from tests.worlds import (
+    LANE_M,
+    _build,
+    _road,
+    crossing_for_pedestrians,
+    lit_crossing,
+    stop_sign_crossing,
+    straight_road,
+)
 
 COLOURS = np.array(GROUND_COLOURS, dtype=np.float64)
 
@@ -112,6 +120,24 @@ def test_stop_lines_end_at_the_stop_line() -> None:
     x = scene.stop_line("w_c_0")
     row = rasterise(ground_of(scene.network), x - 1.0, -4.8, 100, 0.02, 0.0)[0]
     assert np.flatnonzero(row == Surface.STOP_LINE) * 0.02 - 1.0 == pytest.approx(np.arange(-0.5, 0.0, 0.02), abs=0.021)
+
+
+@pytest.mark.parametrize(
+    ("allow", "surface"),
+    [
+        pytest.param('allow="bus"', Surface.ROAD, id="a street for buses"),
+        pytest.param('allow="delivery"', Surface.ROAD, id="a street for deliveries"),
+        pytest.param('allow="bus tram"', Surface.ROAD, id="a street for buses and trams"),
+        pytest.param('disallow="passenger bicycle pedestrian"', Surface.ROAD, id="a street closed to cars"),
+        pytest.param('allow="tram"', Surface.TRACK, id="a tramway"),
+        pytest.param('allow="rail rail_urban"', Surface.TRACK, id="a railway"),
+    ],
+)
+def test_only_lanes_for_trains_and_trams_alone_are_tracks(allow: str, surface: Surface) -> None:
+    nodes = "".join(f'<node id="{end}{y}" x="{x}" y="{y}"/>' for y in (0, 40) for end, x in (("w", 0), ("e", 100)))
+    other = f'<edge id="other" from="w40" to="e40" numLanes="1" speed="9" width="{LANE_M}" {allow}/>'
+    ground = ground_of(_build("other_lanes", nodes, _road("w0", "e0") + other))
+    assert rasterise(ground, 50.0, 40.0 - LANE_M / 2, 1, 0.02, 0.0)[0, 0] == surface
 
 
 # Buildings, lights, signs, bodies
