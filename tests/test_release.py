@@ -131,7 +131,13 @@ def test_an_earlier_release_may_be_replaced(release: ModuleType, tmp_path: Path)
 
 
 def test_this_version_has_notes(release: ModuleType) -> None:
-    assert "### " in release.notes_of((ROOT / "CHANGELOG.md").read_text(), release.version_of(ROOT))
+    """Those of a development version are not released, and keep it from being so."""
+    changelog, version = (ROOT / "CHANGELOG.md").read_text(), release.version_of(ROOT)
+    if ".dev" in version:
+        with pytest.raises(release.RefusedError, match=r"\[Unreleased\] has changes"):
+            release.require_all_released(changelog)
+    else:
+        assert "### " in release.notes_of(changelog, version)
 
 
 def test_the_sums_are_those_that_sha256sum_checks(release: ModuleType, tmp_path: Path) -> None:
