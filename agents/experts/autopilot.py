@@ -114,7 +114,7 @@ class Autopilot(Agent):
 
     def _reset_memory(self) -> None:
         self._standing, self._refused = 0.0, 0.0
-        self._sign = NextStop(below=0.05, within=2.5)
+        self._sign = NextStop()
         self._reason: Explanation = {}
         self._aside = Sidestep()
         self._passing = Passing(self._half_length, self._half_width)

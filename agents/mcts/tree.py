@@ -78,19 +78,14 @@ def make_tree(simulations: int, depth: int) -> Tree:
         InvalidInputError: This machine has less.
     """
     nodes = simulations * depth + 1
-    needed, most = nodes * sum(array.nbytes for array in _tree(1, 0)), _memory()
+    needed = nodes * sum(array.nbytes for array in _tree(1, 0))
+    most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > most:
         raise InvalidInputError(
             f"{simulations} simulations of {depth} actions: expected a tree of at most the {most / 1e9:.1f} GB of "
             f"memory that this machine has, got one of {needed / 1e9:.1f} GB"
         )
     return _tree(nodes, depth)
-
-
-def _memory() -> float:
-    """Memory of this machine, bytes; infinite where the system does not tell."""
-    known = hasattr(os, "sysconf") and {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= os.sysconf_names.keys()
-    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")) if known else math.inf
 
 
 def _tree(nodes: int, depth: int) -> Tree:

@@ -32,7 +32,6 @@ FAR_M = 1000.0
 NEAREST_AHEAD, NEAREST_CROSSING, NEAREST_IN_LANE = 4, 8, 3
 SIGHT_M = float(POINTS - BEHIND - 1)
 STANDS_M_S, DROVE_M_S, WAITS_M_S = 0.3, 1.0, 0.6
-STOOD_M_S, STOOD_M = 0.05, 2.5
 ASKEW = 0.997
 CORRIDOR_MARGIN_M = 0.3
 STRIP_MARGIN_M = 0.3
@@ -86,7 +85,7 @@ class Memory:
 
     standing: float = 0.0
     refused: float = 0.0
-    stop: NextStop = field(default_factory=lambda: NextStop(STOOD_M_S, STOOD_M))
+    stop: NextStop = field(default_factory=NextStop)
     stood: dict[int, float] = field(default_factory=dict)
     driven: set[int] = field(default_factory=set)
     raced: dict[int, float] = field(default_factory=dict)

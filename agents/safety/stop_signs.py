@@ -13,6 +13,8 @@ from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 ANOTHER_M: Final = 1.0
 """Growth of the distance to the next stop sign that tells that it is another one."""
 PASSED_M, FAR_M = -0.5, 1000.0
+STANDS_M_S, STOOD_M = 0.05, 2.5
+"""Below this speed, so near to the line, an ego stands there; a bit stricter than the infraction is judged."""
 
 
 class NextStop:
@@ -24,7 +26,7 @@ class NextStop:
         stood: Whether the ego has stood there.
     """
 
-    def __init__(self, below: float, within: float) -> None:
+    def __init__(self, below: float = STANDS_M_S, within: float = STOOD_M) -> None:
         """Has seen no sign yet: the ego stands below a speed [m/s], within a distance of the line [m]."""
         self._below, self._within = below, within
         self.row, self.distance, self.stood = -1, math.inf, False

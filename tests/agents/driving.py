@@ -22,6 +22,17 @@ def observed(agent: Agent, world: World) -> dict[str, np.ndarray]:
     return {sensor.name: sensor.read(world, 0) for sensor in sensors}
 
 
+def brakes_for_a_second_stop_sign(agent: Agent, scene: Scene) -> list[bool]:
+    """Whether it brakes for a stop sign behind the next junction: as it comes, as it stands there, and then."""
+    agent.reset(scene.mission, 0)
+    observation, out = observed(agent, scene.world()), []
+    for speed, stop in [(8.0, 14.0), (0.0, 1.5), (1.0, 1.4)]:
+        observation["junctions_ahead"][:2] = [[stop - 9.0, stop + 1.5, -1.0, 0.0], [stop, stop + 9.0, -1.0, 2.0]]
+        observation["speedometer"][0] = speed
+        out.append(bool(agent.act(observation)[0] < 0.5))
+    return out
+
+
 def drive(agent: Agent, scene: Scene, seconds: float) -> list[World]:
     """The world at the start and after every tick."""
     car, (first, *others) = VehicleParameters(), scene.worlds(seconds)

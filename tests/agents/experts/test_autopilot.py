@@ -11,7 +11,7 @@ from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.settings import SettingsError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Traffic
 from dohyo.sumo_networks.world import ActorKind, LightState
-from tests.agents.driving import drive, fronts, made, observed, speeds, touched
+from tests.agents.driving import brakes_for_a_second_stop_sign, drive, fronts, made, observed, speeds, touched
 from tests.conftest import MakeEnv
 from tests.sumo_networks.simulation.drives import in_ingolstadt, on
 from tests.worlds import Light, Scene, crossing_for_pedestrians, lit_crossing, stop_sign_crossing, straight_road
@@ -97,14 +97,7 @@ def test_at_a_stop_sign_it_stands_and_then_goes() -> None:
 
 
 def test_it_brakes_for_a_stop_sign_behind_the_next_junction_until_it_has_stood_there() -> None:
-    agent, scene = made("Autopilot"), straight_road().with_ego(x=100.0, speed=8.0)
-    agent.reset(scene.mission, 0)
-    observation = observed(agent, scene.world())
-    for speed, stop, brakes in [(8.0, 14.0, True), (0.0, 1.5, False), (1.0, 1.4, False)]:
-        junctions = [[stop - 9.0, stop + 1.5, -1.0, 0.0], [stop, stop + 9.0, -1.0, 2.0]]
-        observation["junctions_ahead"][:2] = junctions
-        observation["speedometer"][0] = speed
-        assert (agent.act(observation)[0] < 0.5) == brakes
+    assert brakes_for_a_second_stop_sign(made("Autopilot"), straight_road().with_ego(x=100.0)) == [True, False, False]
 
 
 # Others

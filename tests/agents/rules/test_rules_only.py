@@ -17,7 +17,7 @@ from dohyo.evaluation.episode.runner import run_episode
 from dohyo.evaluation.records.specifications import Status
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.world import ActorKind, LightState, World
-from tests.agents.driving import drive, fronts, observed, speeds, touched
+from tests.agents.driving import brakes_for_a_second_stop_sign, drive, fronts, observed, speeds, touched
 from tests.worlds import Scene, lit_crossing, stop_sign_crossing, straight_road
 
 WEST, NORTH = math.pi, math.pi / 2
@@ -69,14 +69,7 @@ def test_it_stands_once_at_a_stop_sign(agent: RulesOnly) -> None:
 
 
 def test_it_brakes_for_a_stop_sign_behind_the_next_junction_until_it_has_stood_there(agent: RulesOnly) -> None:
-    scene = ego(8.0)
-    agent.reset(scene.mission, 0)
-    observation = observed(agent, scene.world())
-    for speed, stop, brakes in [(8.0, 14.0, True), (0.0, 1.5, False), (1.0, 1.4, False)]:
-        junctions = [[stop - 9.0, stop + 1.5, -1.0, 0.0], [stop, stop + 9.0, -1.0, 2.0]]
-        observation["junctions_ahead"][:2] = junctions
-        observation["speedometer"][0] = speed
-        assert (agent.act(observation)[0] < 0.5) == brakes
+    assert brakes_for_a_second_stop_sign(agent, ego(8.0)) == [True, False, False]
 
 
 def test_it_stops_for_what_appears_ahead_and_goes_on_when_it_is_gone(agent: RulesOnly) -> None:
