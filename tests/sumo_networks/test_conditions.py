@@ -75,7 +75,7 @@ def crowd() -> Scene:
     return scene
 
 
-def detections(conditions: str, ticks: int = 200, seed: int = 0) -> np.ndarray:
+def detections(conditions: str, ticks: int = 2000, seed: int = 0) -> np.ndarray:
     (sensor,) = make_sensors(["detections"], conditions=conditions_named(conditions), rng=np.random.default_rng(seed))
     world = crowd().world()
     return np.array([sensor.read(world, 0) for _ in range(ticks)])
@@ -92,7 +92,7 @@ def test_conditions_bound_the_sight_and_blur_and_drop_detections(name: str) -> N
     seen = detections(name)
     found = seen[..., 0] == ActorKind.CAR
     within = sum(np.hypot(ahead, LANE_M) <= conditions.sight_m for ahead in range(10, 100, 20))
-    assert found.sum() / (200 * within) == pytest.approx(1 - conditions.dropout, abs=0.03)
+    assert found.sum() / (len(seen) * within) == pytest.approx(1 - conditions.dropout, abs=0.02)
     assert seen[..., 1].max() < conditions.sight_m + 5 * conditions.position_noise_m * 5
     nearest = seen[:, 0][np.abs(seen[:, 0, 1] - 10) < 5]
     expected = conditions.position_noise_m * np.hypot(10, LANE_M) / 20

@@ -406,7 +406,7 @@ def test_a_run_that_ended_in_time_counts_though_it_is_stored_after_the_end(store
     with database.session() as session:
         driving = {"status": EvaluationStatus.RUNNING, "finished": None}
         session.execute(update(Evaluation).where(Evaluation.id == run).values(driving))
-    end(database, ranking, ago=timedelta(seconds=-1))
+    end(database, ranking, ago=timedelta(seconds=-5))  # so long a slow machine may take to settle the run
     closing = threading.Thread(target=close_ended, args=(stored.services,))
     with database.session() as session:
         queue.settle(session, run)

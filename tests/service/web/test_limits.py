@@ -21,6 +21,12 @@ from dohyo.service.web.limits import AccessLog, RateLimit
 from tests.service.harness import PASSWORD_OF_NOBODY, Caller, Harness, assert_problem, running
 
 
+@pytest.fixture
+def no_refill(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock of the rates stands still, so that a slow machine is allowed no request more."""
+    monkeypatch.setattr(RateLimit.__init__, "__defaults__", (lambda: 0.0, 10_000))
+
+
 @pytest.mark.parametrize("path", ["/v1/agents", "/v1/agents/a/submissions", "/v1/evaluations", "/v1/webhooks"])
 def test_a_body_that_is_too_large_is_refused_by_what_it_says_and_by_what_comes(tmp_path: Path, path: str) -> None:
     with running(tmp_path / "data", body_limit_bytes=2000) as service:
@@ -59,7 +65,7 @@ def test_uploads_have_their_own_limit(tmp_path: Path) -> None:
         assert_problem(upload(1_000_000), 413)
 
 
-def test_each_token_has_its_own_rate(tmp_path: Path) -> None:
+def test_each_token_has_its_own_rate(tmp_path: Path, no_refill: None) -> None:
     with running(tmp_path / "data", requests_per_minute=20) as service:
         one, other = service.caller("one"), service.caller("other")
         statuses = [one.get("/v1/me").status_code for _ in range(30)]
@@ -71,7 +77,7 @@ def test_each_token_has_its_own_rate(tmp_path: Path) -> None:
         assert other.get("/v1/me").status_code == 200
 
 
-def test_a_token_has_one_rate_however_its_header_is_written(tmp_path: Path) -> None:
+def test_a_token_has_one_rate_however_its_header_is_written(tmp_path: Path, no_refill: None) -> None:
     with running(tmp_path / "data", requests_per_minute=20) as service:
         token = service.token("team")
         headers = [{"authorization": scheme + token} for scheme in ("Bearer ", "bearer ", "BEARER  ", "bEaReR ")]
@@ -79,7 +85,7 @@ def test_a_token_has_one_rate_however_its_header_is_written(tmp_path: Path) -> N
         assert statuses == [200] * 21 + [429] * 19
 
 
-def test_guessing_tokens_spends_what_the_address_has_and_disturbs_no_one_else(tmp_path: Path) -> None:
+def test_guessing_tokens_spends_what_the_address_has_and_disturbs_no_one_else(tmp_path: Path, no_refill: None) -> None:
     with running(tmp_path / "data", requests_per_minute=20) as service:
         known = service.caller("team")
         assert known.get("/v1/me").status_code == 200
@@ -92,7 +98,7 @@ def test_guessing_tokens_spends_what_the_address_has_and_disturbs_no_one_else(tm
         assert known.get("/v1/me").status_code == 200
 
 
-def test_guessing_on_the_wire_is_slowed_too(tmp_path: Path) -> None:
+def test_guessing_on_the_wire_is_slowed_too(tmp_path: Path, no_refill: None) -> None:
     with running(tmp_path / "data", requests_per_minute=20) as service:
         answers = [
             Caller(service.client, f"guess-{number}").post("/v1/leases/l-0/step", {"tick": 0}).status_code
