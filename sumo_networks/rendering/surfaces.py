@@ -127,8 +127,8 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
     lanes = network.lanes
     inside = np.char.startswith(lanes.ids, ":")
     foot = lanes.pedestrian & ~lanes.drivable & ~inside
-    cycle = lanes.bicycle & ~lanes.pedestrian & ~lanes.drivable & ~inside
     tracks, others = _tracks_and_streets(network)
+    cycle = lanes.bicycle & ~lanes.pedestrian & ~lanes.drivable & ~others & ~inside
     street = (lanes.drivable | others) & ~lanes.internal
     half = lanes.width / 2
     yield _Lines(network, tracks & ~inside).band(half), Surface.TRACK, _TRACK
@@ -154,12 +154,12 @@ def _layers(network: RoadNetwork) -> Iterator[tuple[FloatArray, Surface, int]]:
 
 @lru_cache(maxsize=4)
 def _tracks_and_streets(network: RoadNetwork) -> tuple[BoolArray, BoolArray]:
-    """(L,) tracks, and (L,) streets without cars, as for buses and deliveries; without lanes of people and bicycles.
+    """(L,) tracks, and (L,) streets without cars, as for buses and deliveries; without lanes where people walk.
 
     The tables of a network do not tell one from the other, but its file does.
     """
     lanes = network.lanes
-    unknown = ~(lanes.drivable | lanes.pedestrian | lanes.bicycle)
+    unknown = ~(lanes.drivable | lanes.pedestrian)
     tracks, streets = np.zeros_like(unknown), np.zeros_like(unknown)
     if not unknown.any():
         return tracks, streets
@@ -172,13 +172,15 @@ def _tracks_and_streets(network: RoadNetwork) -> tuple[BoolArray, BoolArray]:
     read_elements(network.path, element)
     for lane in np.flatnonzero(unknown).tolist():
         classes = allowed[str(lanes.ids[lane])]
-        streets[lane] = bool(classes - _RAIL - _NO_VEHICLES_OF_ROADS)
-        tracks[lane] = not streets[lane] and bool(classes & _RAIL)
+        others = _NO_VEHICLES_OF_ROADS | (_OF_CYCLEWAYS if lanes.bicycle[lane] else frozenset())
+        streets[lane] = bool(classes - _RAIL - others)
+        tracks[lane] = not streets[lane] and not lanes.bicycle[lane] and bool(classes & _RAIL)
     return tracks, streets
 
 
 _RAIL = frozenset(("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car"))
 _NO_VEHICLES_OF_ROADS = frozenset(("ship", "aircraft", "drone"))
+_OF_CYCLEWAYS = frozenset(("bicycle", "scooter", "moped", "wheelchair", "emergency", "authority"))
 
 
 class _Lines:

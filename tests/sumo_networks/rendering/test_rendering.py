@@ -129,11 +129,14 @@ def test_stop_lines_end_at_the_stop_line() -> None:
         pytest.param('allow="delivery"', Surface.ROAD, id="a street for deliveries"),
         pytest.param('allow="bus tram"', Surface.ROAD, id="a street for buses and trams"),
         pytest.param('disallow="passenger bicycle pedestrian"', Surface.ROAD, id="a street closed to cars"),
+        pytest.param('allow="bus bicycle"', Surface.ROAD, id="a lane for buses and bicycles"),
+        pytest.param('allow="bicycle scooter"', Surface.CYCLEWAY, id="a cycleway"),
+        pytest.param('allow="tram bicycle"', Surface.CYCLEWAY, id="a cycleway on a tramway"),
         pytest.param('allow="tram"', Surface.TRACK, id="a tramway"),
         pytest.param('allow="rail rail_urban"', Surface.TRACK, id="a railway"),
     ],
 )
-def test_only_lanes_for_trains_and_trams_alone_are_tracks(allow: str, surface: Surface) -> None:
+def test_lanes_without_cars_are_painted_for_what_may_go_there(allow: str, surface: Surface) -> None:
     nodes = "".join(f'<node id="{end}{y}" x="{x}" y="{y}"/>' for y in (0, 40) for end, x in (("w", 0), ("e", 100)))
     other = f'<edge id="other" from="w40" to="e40" numLanes="1" speed="9" width="{LANE_M}" {allow}/>'
     ground = ground_of(_build("other_lanes", nodes, _road("w0", "e0") + other))
