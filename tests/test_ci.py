@@ -102,8 +102,8 @@ def test_it_ends_with_the_code_of_what_failed(target: str, code: int, checkout: 
     ("counts", "error", "fails_again", "code"),
     [
         ("1 failed, 9000 passed in 60.00s (0:01:00)", 1, False, 0),
-        ("3 failed, 9000 passed, 1 error in 60.00s (0:01:00)", 1, True, 2),
-        ("4 failed, 9000 passed in 60.00s (0:01:00)", 1, None, 2),
+        ("9 failed, 9000 passed, 1 error in 60.00s (0:01:00)", 1, True, 2),
+        ("10 failed, 9000 passed in 60.00s (0:01:00)", 1, None, 2),
         ("1 failed, 20 passed in 60.00s (0:01:00)", 2, None, 2),  # interrupted: the rest was not run
         ("9000 passed in 60.00s (0:01:00)", 1, None, 2),
     ],
