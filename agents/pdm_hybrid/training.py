@@ -96,7 +96,7 @@ def displacement(poses: Tensor, batch: Driven) -> Tensor:
 
 
 def loss_of(poses: Tensor, batch: Driven, heading_m: float) -> Tensor:
-    """Mean absolute error of the places, and of the headings' chords, m."""
+    """Mean absolute error of the places, and `heading_m` times 1 - cosine of the headings', m."""
     place = (poses[..., :2] - batch.future[..., :2]).abs().sum(dim=-1)
     turn = 1.0 - torch.cos(poses[..., 2] - batch.future[..., 2])
     loss: Tensor = (place + heading_m * turn).mean()

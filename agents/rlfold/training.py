@@ -27,7 +27,7 @@ from dohyo.agents.perception.augmentation import colour_jitter, gaussian_blur, o
 from dohyo.agents.rlfold.rlfold import EXTRAS, Rlfold, RlfoldConfig
 
 TOWN = TownConfig(max_speed=5.0, frames=2, history=1, obey_lights=False)
-"""Table 3.2 and the author's release: 5 m/s, two frames, the last speed and steering, and no lights."""
+"""Two frames as in section 4.3.1; 5 m/s, the last speed and steering, and no lights as in the author's release."""
 
 
 class RlfoldRunConfig(OffPolicyRunConfig):
