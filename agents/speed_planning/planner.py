@@ -136,13 +136,14 @@ class SpeedPlanner:
         )
         state = fuse(self.grid, self.grid.spread(np.clip(known, 0.0, free)), pings, time_s)
         smooth = forward_kernel(state, self.config.kernel_m, self.grid.cell_m)
-        searched = forward_kernel(state.mean(axis=0), self.config.searched_m, self.grid.cell_m)
+        mean = self.grid.across(state)
+        searched = forward_kernel(mean, self.config.searched_m, self.grid.cell_m)
         ends = heads(searched, free, self.grid.cell_m, self.config.searched_m / 2)
         found = self._watch.update(ends)
         standing = self.road.bottleneck_m if self.config.bottleneck == "known" else found
         target, asked = np.minimum(self.config.headroom * smooth, free), None
         if standing is not None and self.policy is not None:
-            asked = self._buffer_speed(self.policy, state.mean(axis=0), standing)
+            asked = self._buffer_speed(self.policy, mean, standing)
             inside = buffer.in_buffer(self.grid.centres_m, standing, self.policy.length_m)
             target = np.where(inside, np.minimum(target, asked), target)
         return SpeedPlan(time_s, target, state, self.grid.cell_m, standing, asked)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dohyo.sumo_networks.arrays import FloatArray
+from dohyo.sumo_networks.arrays import FloatArray, IntArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.measure import MINUTE_S, Pings
 from dohyo.sumo_networks.freeway.road import FreewayRoad
@@ -21,18 +21,20 @@ class LaneGrid:
 
     Attributes:
         bounds_m: (S + 1,) borders of the segments.
-        lanes: Number of lanes, L, counted from the left.
+        lanes: Number of lanes, L, counted from the left, 1 or more.
+        through: (S,) number of the leftmost lanes that lead all through each segment, 1 to L.
         cell_m: Length of a sub-segment.
     """
 
     bounds_m: FloatArray
     lanes: int
+    through: IntArray
     cell_m: float = CELL_M
 
     @classmethod
     def of(cls, road: FreewayRoad) -> LaneGrid:
         """Grid of a road, with the largest number of lanes, including ramps'."""
-        return cls(road.bounds_m, 1 + max(track.lane for track in road.tracks.values()))
+        return cls(road.bounds_m, 1 + max(track.lane for track in road.tracks.values()), np.array(road.lanes))
 
     @property
     def cells(self) -> int:
@@ -52,9 +54,17 @@ class LaneGrid:
         """
         if segment_mps.shape != (len(self.bounds_m) - 1,):
             raise InvalidInputError(f"expected speeds of {len(self.bounds_m) - 1} segments, got {segment_mps.shape}")
-        segment = np.searchsorted(self.bounds_m, self.centres_m, side="right") - 1
-        row = segment_mps[np.clip(segment, 0, len(segment_mps) - 1)]
-        return np.repeat(row[None], self.lanes, axis=0)
+        return np.repeat(segment_mps[self._segment][None], self.lanes, axis=0)
+
+    def across(self, state: FloatArray) -> FloatArray:
+        """(L, X) speeds -> (X,) mean over the lanes that lead all through each segment, without ramps' lanes."""
+        there = np.arange(self.lanes)[:, None] < self.through[self._segment]
+        return np.asarray(np.mean(state, axis=0, where=there))
+
+    @property
+    def _segment(self) -> IntArray:
+        """(X,) segment of each sub-segment."""
+        return np.clip(np.searchsorted(self.bounds_m, self.centres_m, side="right") - 1, 0, len(self.through) - 1)
 
 
 def fuse(grid: LaneGrid, state: FloatArray, pings: Pings, time_s: float, window_s: float = MINUTE_S) -> FloatArray:

@@ -6,8 +6,9 @@ import pytest
 from dohyo.agents.speed_planning.traffic_state import LaneGrid, forward_kernel, fuse
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.freeway.measure import Pings
+from dohyo.sumo_networks.freeway.road import load_freeway
 
-GRID = LaneGrid(bounds_m=np.array([0.0, 500.0, 1100.0]), lanes=3)
+GRID = LaneGrid(bounds_m=np.array([0.0, 500.0, 1100.0]), lanes=3, through=np.array([3, 2]))
 
 
 def pings(*rows: tuple[float, str, float, int, float]) -> Pings:
@@ -22,6 +23,21 @@ def test_a_segments_speed_is_spread_over_its_sub_segments_and_all_lanes() -> Non
     assert (state[:, 5:] == 20).all()
     with pytest.raises(InvalidInputError, match="speeds of 2 segments"):
         GRID.spread(np.ones(3))
+
+
+def test_the_mean_over_lanes_is_of_lanes_that_are_there() -> None:
+    state = np.array([[10.0] * 11, [20.0] * 11, [30.0] * 11])
+    assert (GRID.across(state) == [20.0] * 5 + [15.0] * 6).all()
+
+
+def test_a_queue_on_all_lanes_of_the_bottleneck_is_as_slow_in_the_mean() -> None:
+    road = load_freeway()
+    grid = LaneGrid.of(road)
+    state = np.full((grid.lanes, grid.cells), 30.0)
+    state[:3] = 5.0
+    narrow = slice(int(road.bottleneck_m / grid.cell_m) + 1, int(road.bounds_m[18] / grid.cell_m))
+    assert grid.across(state)[narrow] == pytest.approx(5.0)
+    assert grid.across(state)[0] == pytest.approx((3 * 5.0 + 30.0) / 4)
 
 
 def test_pings_overwrite_their_own_lane_and_sub_segment_alone() -> None:
