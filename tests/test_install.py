@@ -32,7 +32,7 @@ def install(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "has_gpu", lambda: False)
-    monkeypatch.setattr(module, "ANSWER_WITHIN_S", 2.0)
+    monkeypatch.setattr(module.answers, "__defaults__", (2.0,))
     return module
 
 
@@ -45,7 +45,9 @@ class Index(BaseHTTPRequestHandler):
 
 
 @pytest.fixture
-def index() -> Iterator[str]:
+def index(install: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """An index that answers; a slow machine has time for it."""
+    monkeypatch.setattr(install.answers, "__defaults__", (60.0,))
     server = ThreadingHTTPServer(("127.0.0.1", 0), Index)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}/whl"

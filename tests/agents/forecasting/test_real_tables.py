@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import datetime
 import json
-import threading
-import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from dohyo.agents.forecasting.data.grid import Rows, on_grid
 from dohyo.agents.forecasting.data.reading import Format, read_data, read_latest
 from dohyo.agents.forecasting.live.now import forecast_now
 from dohyo.agents.forecasting.simple import Persistence
-from dohyo.service.cli import app
+from dohyo.service.cli import app, following
 from dohyo.sumo_networks.arrays import FloatArray
 from dohyo.sumo_networks.errors import InvalidInputError
 from tests.agents.forecasting.roads import road_speeds
@@ -101,7 +100,9 @@ def test_a_forecast_now_is_of_the_last_complete_row_with_the_errors_of_the_past(
         forecast_now(Persistence(1, 300.0), read_latest(short, Format("km/h")))
 
 
-def test_the_commands_follow_a_file_that_grows_and_compare_steps(tmp_path: Path) -> None:
+def test_the_commands_follow_a_file_that_grows_and_compare_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     speeds = road_speeds(400, 1)[:, 0]
     table = write(tmp_path / "t.csv", speeds[:300], np.tile([0.0, 40.0, 140.0], 100))
     words = ("--data", table, "--unit", "km/h", "--model")
@@ -113,17 +114,19 @@ def test_the_commands_follow_a_file_that_grows_and_compare_steps(tmp_path: Path)
         dohyo("forecast", "run", *words, tmp_path / "m.safetensors", "--resample", 15)
     lines = write(tmp_path / "later.csv", speeds[:302]).read_text().splitlines()
 
-    def grow() -> None:
-        while not (tmp_path / "out.csv").exists():
-            time.sleep(0.02)
-        with table.open("a") as file:
-            file.write("\n".join(lines[-2:]) + "\n")
+    now_s, growth = [0.0], ["\n".join(lines[-2:]) + "\n"]
 
-    logger = threading.Thread(target=grow)
-    logger.start()
+    def wait(seconds: float) -> None:
+        now_s[0] += seconds
+        if growth:
+            assert (tmp_path / "out.csv").exists()
+            with table.open("a") as file:
+                file.write(growth.pop())
+
+    monkeypatch.setattr(following, "time", SimpleNamespace(monotonic=lambda: now_s[0], sleep=wait))
     run = ("forecast", "run", *words, tmp_path / "m.safetensors", "--out", tmp_path / "out.csv", "--follow")
-    dohyo(*run, "--every", 0.05, "--idle", 1.5)
-    logger.join()
+    dohyo(*run, "--every", 0.5, "--idle", 1.5)
+    assert now_s[0] == 2.5, "half a second until it grew, and then without a step"
     written = list(csv.DictReader((tmp_path / "out.csv").open()))
     assert len({row["made_at"] for row in written}) == 2
     assert all(float(row["low"]) <= float(row["speed"]) <= float(row["high"]) for row in written)

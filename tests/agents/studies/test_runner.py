@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from dohyo.agents.studies import runner
 from dohyo.agents.studies.arms import Block, Cell, Place, cells_of
 from dohyo.agents.studies.rows import cell_of, matched, read_rows
 from dohyo.agents.studies.runner import DIED, NOTHING, row_each, run
@@ -27,7 +28,8 @@ from tests.agents.studies.test_runner import CELLS, measured
 from dohyo.agents.studies.runner import run
 
 def work(job):
-    time.sleep(0.3)
+    if job[0] == CELLS[3]:
+        time.sleep(600)  # until it is killed
     return measured(job)
 
 run(Path(sys.argv[1]), CELLS, work)
@@ -228,16 +230,25 @@ def test_a_training_that_was_lost_is_tried_by_one_job_after_the_other(tmp_path):
 
 
 def refused_beside_another(job, folder: Path):
-    """Refuses arm b, as soon as a job of arm a has begun; that one ends later."""
+    """Refuses arm b, as soon as a job of arm a has begun; that one ends once the runner knows of the error."""
     if job[0].arm == "b":
         until((folder / "begun").exists)
         raise InvalidInputError("no such training")
     (folder / "begun").touch()
-    time.sleep(0.5)
+    until((folder / "known").exists)
     yield from measured(job)
 
 
-def test_the_job_beside_an_error_of_the_input_keeps_its_rows(tmp_path):
+def test_the_job_beside_an_error_of_the_input_keeps_its_rows(tmp_path, monkeypatch):
+    wait = runner.wait
+
+    def watched(going, **options):
+        found = wait(going, **options)
+        if any(one.exception() for one in found.done):
+            (tmp_path / "known").touch()
+        return found
+
+    monkeypatch.setattr(runner, "wait", watched)
     path, cells = tmp_path / "rows.jsonl", [CELLS[0], Cell("b", 0, "town", "m0", 7), *CELLS[1:3]]
     with pytest.raises(InvalidInputError, match="no such training"):
         run(path, cells, partial(refused_beside_another, folder=tmp_path), workers=2)

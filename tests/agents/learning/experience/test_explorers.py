@@ -6,6 +6,7 @@ import io
 import json
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -81,6 +82,25 @@ class Mined(Point):
         reset, step = env.reset, env.step
         env.reset = lambda *, seed=None, options=None: os._exit(3) if seed % 6 == 0 else reset(seed=seed)
         env.step = lambda action: (*step(action)[:2], False, True, {"success": False, "distance": 0.0})
+        return env
+
+
+@dataclass(frozen=True)
+class Halting(Point):
+    """A point that goes no further while a file is there."""
+
+    file: str = ""
+
+    def make_env(self, rank: int) -> Any:
+        env: Any = super().make_env(rank)
+        step = env.step
+
+        def waiting(action: Any) -> Any:
+            while Path(self.file).exists():
+                time.sleep(0.01)
+            return step(action)
+
+        env.step = waiting
         return env
 
 
@@ -174,20 +194,23 @@ def test_a_state_of_other_explorers_is_refused(explorers) -> None:
 
 
 @pytest.mark.slow
-def test_an_explorer_that_is_killed_loses_its_episode_and_nothing_else(explorers) -> None:
+def test_an_explorer_that_is_killed_loses_its_episode_and_nothing_else(explorers, tmp_path: Path) -> None:
     workers: list[WorkerProcess] = []
 
     def noted(rank: int, make_host: Callable[[], Host]) -> WorkerProcess:
         workers.append(WorkerProcess(rank, make_host))
         return workers[-1]
 
-    source = explorers(Point(slow_s=0.01), stretch=30, make_worker=noted)
+    halts = tmp_path / "halts"
+    source = explorers(Halting(file=str(halts)), stretch=30, make_worker=noted)
     before = taken(source, 30)
     assert before["episode"][-1].tolist() == [2, 3]
+    halts.touch()
     source.round(30)
     source.send(PolicyBehaviour(wander))
     assert workers[0].pid is not None
     os.kill(workers[0].pid, signal.SIGKILL)
+    halts.unlink()
     after = TensorDict.stack(list(source.received()))
     assert after["episode"][0].tolist() == [4, 3]
     assert (source.lost_count, source.steps) == (1, 120)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import sys
 import time
@@ -23,7 +24,7 @@ from dohyo.agents.learning.runs.trainer import TrainRequest
 from dohyo.service.cli import main
 from tests.agents.learning.killed import different
 from tests.agents.learning.toys import POINT, PointConfig
-from tests.forked import PATIENCE_S, dohyo
+from tests.forked import MAIN, PATIENCE_S, Python, dohyo
 
 
 def rows(folder: Path) -> int:
@@ -48,6 +49,28 @@ def alive(pid: int) -> bool:
         return False
 
 
+HALTS = """
+import os, time
+from pathlib import Path
+from dohyo.agents.learning.files.metrics import Table
+
+add, halts, rows = Table.add, Path(os.environ["HALTS"]), int(os.environ["HALTS_AT"])
+
+def halting(self, steps, values):
+    add(self, steps, values)
+    while self._path.name == "metrics.csv" and self._path.read_text().count("\\n") == 1 + rows and halts.exists():
+        time.sleep(0.01)
+
+Table.add = halting
+"""
+"""A training that goes no further than to a row of its metrics while a file is there."""
+
+
+def halting(halts: Path, at: int, *arguments: str) -> Python:
+    halts.touch()
+    return Python(HALTS + MAIN, *arguments, env=os.environ | {"HALTS": str(halts), "HALTS_AT": str(at)})
+
+
 GUIDED = ("--set=ppo.guided_share=0.3",)
 LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
 
@@ -61,22 +84,25 @@ LEARNED_BEFORE = ("--set=ppo.imitated_steps=256", "--set=ppo.normalised=true")
     ],
 )
 def test_a_run_that_was_stopped_and_killed_gives_the_same_curve(toy, settings, tmp_path, monkeypatch):
-    whole, out = tmp_path / "whole", tmp_path / "disturbed"
+    whole, out, halts = tmp_path / "whole", tmp_path / "disturbed", tmp_path / "halts"
     monkeypatch.setattr(sys, "argv", ["dohyo", *order(toy, whole, *settings)])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code in (None, 0)
 
-    stopped = dohyo(*order(toy, out, *settings))
+    stopped = halting(halts, 3, *order(toy, out, *settings))
     stopped.wait_for(lambda: rows(out) >= 2)
-    assert stopped.end(signal.SIGTERM) == 130
+    stopped.send_signal(signal.SIGTERM)
+    halts.unlink()
+    assert stopped.end() == 130
     said = stopped.errors()
     assert said.endswith("\n")
     last = said.splitlines()[-1]  # lines of progress may come before it
     assert last.startswith("dohyo: stopped at step ")
     assert f"--resume --out {out}" in last
 
-    killed, before = dohyo(*order(toy, out, "--resume")), rows(out)
+    before = rows(out)
+    killed = halting(halts, rows(whole) - 1, *order(toy, out, "--resume"))
     killed.wait_for(lambda: rows(out) >= before + 3)  # beyond a checkpoint
     below = descendants(killed.pid)
     assert len(below) >= 3
