@@ -169,7 +169,7 @@ def test_bad_forecasts_are_refused_and_a_late_one_fails_the_agent(client: Client
         session.step(drive, {"forecaster": last})
         shown = drive.observations["forecaster"]["history"]
         assert np.mean(shown[:-1] == history[1:]) > 0.9  # one minute later; gaps at the beginning are filled anew
-        time.sleep(6.0)
+        time.sleep(8.0)  # some of it may be a standstill of the service, which is not charged
         with pytest.raises(LeaseLostError):
             session.step(drive, {"forecaster": last})
     (day,) = recorded(client, service, evaluation)
