@@ -90,7 +90,7 @@ def test_a_spectator_sees_both_egos_move_and_pauses_steps_and_opens_the_replay(
 
 
 def test_a_spectator_sees_the_plan_of_a_driver_and_a_bad_plan_is_refused(served: Served, browser: Browser) -> None:
-    world = served.ask("POST", "/v1/worlds", {"scenario": street(), "undriven": "stand"})["id"]
+    world = served.ask("POST", "/v1/worlds", {"scenario": street(), "undriven": "stand", "deadline_s": 60})["id"]
     served.ask("POST", f"/v1/worlds/{world}/pause")
     asked = {"name": "alice", "egos": ["front"], "sensors": ["speedometer"], "control": "lane_command"}
     seat = served.ask("POST", f"/v1/worlds/{world}/join", asked)

@@ -38,14 +38,29 @@ class ScriptedProcess(EpisodeProcess):
         self.seen(Kind.SEEN, SHOWN.pack(tick, tick / 10, revision) + msgspec.msgpack.encode(shown))
 
 
+class StandingClock(LoopClock):
+    """Time that passes when a test says so, s."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+
 class ScriptedWorld(LiveWorld):
-    """A world with the ego "front", at x = 0 m in each first tick."""
+    """A world with the ego "front", at x = 0 m in each first tick.
+
+    Attributes:
+        time: By which decisions are due.
+    """
 
     def __init__(self, **rules: Any) -> None:
-        self.process = ScriptedProcess()
+        self.process, self.time = ScriptedProcess(), StandingClock()
         given = {"deadline_s": 60.0, "late": "repeat", "pace": "lockstep", "speed": 1.0} | rules
         order = WorldOrder(name="world", scenario=scenario(1))
-        super().__init__("world", "lab", order, self.process, WorldRules.model_validate(given), LoopClock())
+        super().__init__("world", "lab", order, self.process, WorldRules.model_validate(given), self.time)
 
     def show(self, tick: int, x_m: float = 0.0) -> None:
         """The process shows a tick, with the present drivers."""

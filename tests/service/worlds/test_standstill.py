@@ -10,9 +10,9 @@ from typing import Any
 from tests.service.serving import Served, serving
 from tests.service.worlds.clients import AHEAD, Client, scenario
 
-DEADLINE_S = 1.5
-STANDSTILL_S = 4.0
-IDLE = "import os; os.environ['DOHYO_WORLD_IDLE_S'] = '3'"
+DEADLINE_S = 3.0
+STANDSTILL_S = 5.0
+IDLE = "import os; os.environ['DOHYO_WORLD_IDLE_S'] = '4'"
 
 
 def stand_still(served: Served) -> None:

@@ -116,15 +116,16 @@ def test_late_gone_and_doubled_drivers(client: Client) -> None:
 
 def test_a_late_decision_is_repeated_and_counted(client: Client) -> None:
     document = scenario(2).model_dump(mode="json")
-    world = client.world(scenario=document, deadline_s=5, undriven="out")
+    world = client.world(scenario=document, deadline_s=6, undriven="out")
     a, b = client.seat(world, "a", "front"), client.seat(world, "b", "middle")
     client.order(world, "pause")
     client.order(world, "step", {"ticks": 2})
     with httpx.Client() as other:
         headers = {"authorization": f"Bearer {b['token']}"}
         body = {"tick": 0, "actions": {"middle": AHEAD}}
+        patience = httpx.Timeout(PATIENCE_S, read=1.5)  # for the service to read the request
         with pytest.raises(httpx.ReadTimeout):  # the request is gone, its decision counts
-            other.post(f"{client.url}/v1/seats/{b['seat']}/step", json=body, headers=headers, timeout=0.2)
+            other.post(f"{client.url}/v1/seats/{b['seat']}/step", json=body, headers=headers, timeout=patience)
     assert client.step(a, 0, front=AHEAD).json()["tick"] == 1
     assert client.step(a, 1, front=AHEAD).json()["tick"] == 2
     assert client.step(b, 1, middle=AHEAD).json()["missed"] == 1
@@ -201,12 +202,12 @@ def test_a_scenario_that_cannot_be_is_refused(asked: Any, words: str, client: Cl
 
 def test_worlds_end_when_nobody_asks_and_when_their_service_ends(tmp_path: Path) -> None:
     data = tmp_path / "data"
-    with serving(data, before="import os; os.environ['DOHYO_WORLD_IDLE_S'] = '3'") as first:
+    with serving(data, before="import os; os.environ['DOHYO_WORLD_IDLE_S'] = '6'") as first:
         before = Client(first)
         stranger = Client(first, first.ask("POST", "/v1/tokens", {"owner": "stranger", "role": "submitter"})["token"])
         idle = before.world(record=True)
         listed = listed_until(before, idle, lambda found: finished_while_asked(stranger, found))
-        assert (listed["status"], listed["reason"]) == ("ended", "no request came for 3 s")
+        assert (listed["status"], listed["reason"]) == ("ended", "no request came for 6 s")
         stopped = before.world(record=True)
         before.step(before.seat(stopped, "a", "front", "middle", "back"), 0, **dict.fromkeys(SPEEDS, AHEAD))
         assert first.end(signal.SIGTERM) == 0
