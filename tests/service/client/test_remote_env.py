@@ -137,12 +137,13 @@ def test_learners_take_an_address_as_their_environment(served: Served, monkeypat
 class _Impatient(BaseHTTPRequestHandler):
     """Answers, and closes a connection that is idle for a moment."""
 
-    protocol_version, timeout = "HTTP/1.1", 0.2
+    protocol_version = "HTTP/1.1"
 
     def do_POST(self) -> None:
         self.rfile.read(int(self.headers["content-length"]))
         self.send_response(204)
         self.end_headers()
+        self.connection.settimeout(0.2)  # from now on: a slow machine has time for its first request
 
     def log_message(self, *_: object) -> None: ...
 

@@ -233,13 +233,13 @@ def test_a_silent_connection_after_an_answer_has_the_time_between_requests() -> 
 
 
 def test_a_long_body_that_comes_fast_enough_is_read_to_its_end() -> None:
-    """2 s of body are twice the time that a body has without its bytes."""
-    with limited(body_rate=1000.0) as port, connect(port) as one:
+    """4 s of body are more than the time that a body has without its bytes."""
+    with limited(body_s=3.0, body_rate=1000.0) as port, connect(port) as one:
         one.send(b"POST / HTTP/1.1\r\ncontent-length: 20000\r\nconnection: close\r\n\r\n")
         pause = threading.Event()
         for _ in range(20):
             one.send(b"x" * 1000)
-            pause.wait(0.1)
+            pause.wait(0.2)
         assert read(one).endswith(b"20000\r\n0\r\n\r\n")
 
 
@@ -280,7 +280,7 @@ def test_a_body_that_nobody_reads_leaves_no_connection_behind() -> None:
 
 
 def test_a_full_server_closes_what_is_of_least_use_first() -> None:
-    with limited(total=8, header_s=PATIENCE_S, body_s=PATIENCE_S) as port:
+    with limited(total=8, keep_alive_s=PATIENCE_S, header_s=PATIENCE_S, body_s=PATIENCE_S) as port:
         idle = connect(port)
         idle.send(b"GET / HTTP/1.1\r\n\r\n")
         assert b"200 OK" in read_answer(idle)
@@ -302,7 +302,7 @@ def test_a_full_server_closes_what_is_of_least_use_first() -> None:
 
 
 def test_of_connections_that_come_at_once_the_oldest_are_closed_first() -> None:
-    with limited(total=7, header_s=PATIENCE_S) as port:
+    with limited(total=7, keep_alive_s=PATIENCE_S, header_s=PATIENCE_S) as port:
         busy = connect(port)
         busy.send(b"GET /standstill HTTP/1.1\r\n\r\n")
         time.sleep(STANDSTILL_S / 2)  # the server accepts nothing in the meantime, and then all of them

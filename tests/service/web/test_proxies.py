@@ -24,6 +24,11 @@ GUIDE = Path(__file__).parents[3] / "docs/organisers/hosting.md"
 SITE = "eval.example.org:8443"
 PER_MINUTE = 30
 PROXY_ADDRESS = "127.0.0.77"
+# The clock of the rates stands still, so that a slow machine is allowed no request more.
+NO_REFILL = """
+from dohyo.service.web.limits import RateLimit
+RateLimit.__init__.__defaults__ = (lambda: 0.0, 10_000)
+"""
 # A proxy as nginx is one: it appends the client's address to the header, and connects from an address of its own.
 PROXY = """
 import http.client, sys
@@ -54,7 +59,7 @@ server.serve_forever()
 def behind_a_proxy(data: Path, trusted: str) -> Iterator[tuple[Served, str]]:
     """A service, and the URL of the proxy before it."""
     given = {"DOHYO_TRUSTED_PROXIES": trusted, "DOHYO_REQUESTS_PER_MINUTE": str(PER_MINUTE)}
-    before = f"import os; os.environ |= {given}"
+    before = f"import os; os.environ |= {given}\n{NO_REFILL}"
     with serving(data, before=before) as served:
         port = served.url.rpartition(":")[2]
         proxy = subprocess.Popen([sys.executable, "-c", PROXY, port, PROXY_ADDRESS], stdout=subprocess.PIPE, text=True)
