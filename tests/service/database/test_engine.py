@@ -186,8 +186,8 @@ def _downgrade(database: Database, revision: str) -> None:
 
 
 def _migrate(url: str, start: object) -> None:
-    start.wait(120)  # type: ignore[attr-defined]
-    database = Database(url, busy_s=30.0)
+    start.wait(300)  # type: ignore[attr-defined]
+    database = Database(url, busy_s=120.0)
     database.migrate()
     database.close()
 
@@ -199,7 +199,7 @@ def test_services_that_start_at_once_do_not_race(empty_database_url: str) -> Non
     for child in children:
         child.start()
     for child in children:
-        child.join(120)
+        child.join(300)
     assert [child.exitcode for child in children] == [0, 0, 0]
     database = Database(empty_database_url)
     with database.reading() as session:

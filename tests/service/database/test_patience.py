@@ -50,7 +50,7 @@ def test_a_connection_notices_that_the_network_is_gone(database: Database) -> No
         parameters = driver.info.get_parameters()
         assert (parameters["tcp_user_timeout"], parameters["keepalives_idle"]) == ("10000", "10")
         assert connection.scalar(text("SHOW tcp_keepalives_idle")) in ("10", "0")  # 0: a socket of this machine
-        assert connection.scalar(text("SHOW lock_timeout")) == "500ms"
+        assert connection.scalar(text("SHOW lock_timeout")) == "5s"
 
 
 def test_a_signal_during_the_start_ends_the_wait_for_a_database_that_refuses(

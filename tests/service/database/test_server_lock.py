@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import psycopg
 import pytest
-from filelock import FileLock
 from sqlalchemy import text
 
 from dohyo.service.accounts.model import Role
@@ -75,9 +75,10 @@ def _waits(connection: psycopg.Connection) -> bool:  # type: ignore[type-arg]
 def test_a_server_whose_lock_file_was_replaced_ends_at_once(tmp_path: Path) -> None:
     file = tmp_path / "shared.db"
     with serving(tmp_path / "data", "--database", f"sqlite:///{file}") as served:
-        lock = Path(f"{file}.lock")
-        lock.unlink()
-        with FileLock(lock, blocking=False):
+        other = tmp_path / "other.lock"
+        with other.open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            other.replace(f"{file}.lock")  # at once, or the server would make its own anew
             assert served.process.wait(120) == 3
         assert "another server has taken the database" in served.log[-1]["message"]
 

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
-from dohyo.service.database.engine import Database
+from dohyo.service.database.engine import BUSY_S, Database
 from dohyo.service.scheduling.scheduler import Scheduler
 from dohyo.service.state import Broadcast
 from dohyo.service.submissions.model import AgentKind
@@ -17,9 +17,9 @@ from tests.service.served import PATIENCE_S, STEADY, Service, info_of, short
 
 
 @asynccontextmanager
-async def scheduled(shop: Service, events: Broadcast | None = None) -> AsyncIterator[Scheduler]:
-    """A scheduler that loses its patience with the database soon."""
-    database = Database(shop.settings.database_url, busy_s=0.3)
+async def scheduled(shop: Service, events: Broadcast | None = None, busy_s: float = BUSY_S) -> AsyncIterator[Scheduler]:
+    """A scheduler in this process, and the time after which a busy database refuses it."""
+    database = Database(shop.settings.database_url, busy_s=busy_s)
     scheduler = Scheduler(shop.settings, database, events or Broadcast())
     await scheduler.start()
     try:

@@ -76,7 +76,7 @@ def test_a_locked_database_delays_a_start_and_a_result_and_loses_none(
         return sum("the database refuses" in record.getMessage() for record in caplog.records)
 
     async def main() -> None:
-        async with scheduled(shop):
+        async with scheduled(shop, busy_s=0.3):
             for stop in stops:
                 await until(stop.reached.is_set)
                 caplog.clear()
@@ -327,7 +327,7 @@ def test_an_episode_whose_taking_was_committed_without_an_answer_is_driven(
 
     async def main() -> None:
         async with scheduled(shop):
-            await until(lambda: shop.evaluation(evaluation).status.finished, patience_s=60.0)
+            await until(lambda: shop.evaluation(evaluation).status.finished)
 
     asyncio.run(main())
     assert [(one.status, one.attempts) for one in shop.episodes(evaluation)] == [(EpisodeStatus.DONE, 1)] * 2
