@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from functools import cache
@@ -26,7 +26,7 @@ from dohyo.service.state import Broadcast, Services
 from dohyo.service.workers.leases import LeaseBook
 from tests.service.tables import sqlite_with_tables
 
-LONGEST_JOB_S = 150.0
+LONGEST_JOB_S = 300.0
 PASSWORD_OF_NOBODY = "dohyo_" + "A" * 43
 
 
@@ -115,16 +115,22 @@ class Caller:
         return identifier
 
     def _send(self, method: str, path: str, headers: dict[str, str] | None = None, **options: Any) -> Any:
-        prefer = {"prefer": "wait=30", "idempotency-key": uuid4().hex} if method == "POST" else {}
-        sent, until = self.headers | prefer | (headers or {}), time.monotonic() + LONGEST_JOB_S
-        answer = self.client.request(method, path, headers=sent, **options)
-        while sent.get("prefer") == "wait=30" and is_unfinished_job(answer) and time.monotonic() < until:
-            answer = self.client.request(method, path, headers=sent, **options)
-        return answer
+        def send(prefer: dict[str, str]) -> Any:
+            return self.client.request(method, path, headers=self.headers | prefer | (headers or {}), **options)
+
+        return patiently(send) if method == "POST" else send({})
+
+
+def patiently(send: Callable[[dict[str, str]], Any]) -> Any:
+    """The answer to an order, once its job has ended: sent again with these headers, it waits for the same job."""
+    prefer, until = {"prefer": "wait=30", "idempotency-key": uuid4().hex}, time.monotonic() + LONGEST_JOB_S
+    while is_unfinished_job(answer := send(prefer)) and time.monotonic() < until:
+        continue
+    return answer
 
 
 def is_unfinished_job(answer: Any) -> bool:
-    """Whether an order takes longer than a request may wait; sent again with its key, it waits for the same job."""
+    """Whether an order takes longer than a request may wait."""
     return bool(answer.status_code == 202 and answer.headers.get("location", "").startswith("/v1/jobs/"))
 
 

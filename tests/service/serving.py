@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 
 from dohyo.service.cli.main import app
 from tests.forked import MAIN, Python, dohyo
+from tests.service.harness import patiently
 
 START_S = 300.0
 
@@ -91,8 +92,12 @@ class Served:
 
     def ask(self, method: str, path: str, json: Any = None) -> Any:
         """What the administrator is answered."""
-        headers = {"authorization": f"Bearer {self.token}", "prefer": "wait=30"}
-        answer = httpx.request(method, self.url + path, json=json, headers=headers, timeout=120, verify=self._verify)
+
+        def send(prefer: dict[str, str]) -> httpx.Response:
+            headers = {"authorization": f"Bearer {self.token}"} | prefer
+            return httpx.request(method, self.url + path, json=json, headers=headers, timeout=120, verify=self._verify)
+
+        answer = patiently(send) if method == "POST" else send({})
         assert answer.status_code < 300, (answer.text, self.log)
         return answer.json()
 

@@ -19,6 +19,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.forked import Python, dohyo
 from tests.service.browsing import READY, visiting
+from tests.service.harness import patiently
 from tests.service.policies.models import model
 from tests.service.served import wait_until
 from tests.service.serving import Served, serving
@@ -271,7 +272,8 @@ def refuse_own_seeds(bob: Entrant, served: Served) -> None:
     with bob.http(served) as http:
         http.post("/v1/agents", json={"name": "bob-builtin"})
         order = {"kind": "builtin", "entry": "idm"}
-        made = http.post("/v1/agents/bob-builtin/submissions", json=order, headers={"prefer": "wait=30"})
+        path = "/v1/agents/bob-builtin/submissions"
+        made = patiently(lambda prefer: http.post(path, json=order, headers=prefer))
         assert made.status_code == 201, made.text
         phase = http.get("/v1/challenges/autumn").json()["phases"][0]
         assert phase["seeds"] is None

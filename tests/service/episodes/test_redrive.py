@@ -27,11 +27,11 @@ from dohyo.service.policies.agent import ENTRY, FOLDER_VARIABLE, OnnxPolicy
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.scenario import Mission, Traffic
 from tests.forked import Python
+from tests.service.harness import patiently
 from tests.service.policies import models
 from tests.service.served import wait_until
 from tests.service.shop import Shop
 
-PATIENT = {"prefer": "wait=30"}
 Driven = tuple[EpisodeRecord, Trajectory, list[dict[str, Any]]]
 
 
@@ -70,6 +70,12 @@ def driven() -> Driven:
     return record, trajectory, agent.said
 
 
+def verified(shop: Shop, episode: str) -> Any:
+    """The answer to the order to drive an episode again."""
+    ann = shop.token("ann")
+    return patiently(lambda prefer: shop.client.post(f"/v1/episodes/{episode}/verify", headers=ann | prefer))
+
+
 def explained(shop: Shop, episode: str, tick: int, seconds: float = 300.0) -> Any:
     """Asks until there is an answer."""
     until, headers = time.monotonic() + seconds, shop.token("reader", Role.READER)
@@ -85,8 +91,7 @@ def test_a_drive_is_the_same_again_and_explains_itself(shop: Shop, driven: Drive
     record, trajectory, said = driven
     _, (one,) = shop.evaluation(shop.submission("autopilot"), [record], trajectory=trajectory)
     with shop.client:
-        verified = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann") | PATIENT)
-        assert verified.json() == {
+        assert verified(shop, one).json() == {
             "episode": one,
             "expected": record.record_hash,
             "replayed": record.record_hash,
@@ -124,7 +129,7 @@ def test_a_record_that_does_not_come_out_again_is_told(shop: Shop, driven: Drive
         shop.submission("liar"), [record.model_copy(update={"egos": (ego,)})], trajectory=trajectory
     )
     with shop.client:
-        answer = shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann") | PATIENT).json()
+        answer = verified(shop, one).json()
         assert (answer["same"], answer["replayed"]) == (False, record.record_hash)
         explanation = explained(shop, one, 0)
         assert explanation.status_code == 409
@@ -148,10 +153,7 @@ def test_an_agent_that_is_gone_or_changed_proves_nothing(
         shop.submission("gone"), [record.model_copy(update={"egos": (ego,)})], trajectory=trajectory
     )
     with shop.client:
-        for answer in (
-            shop.client.post(f"/v1/episodes/{one}/verify", headers=shop.token("ann") | PATIENT),
-            explained(shop, one, 0),
-        ):
+        for answer in (verified(shop, one), explained(shop, one, 0)):
             assert answer.status_code == 409
             assert why in answer.json()["detail"]
 

@@ -10,7 +10,7 @@ import pytest
 
 from dohyo.service.client.client import Client
 from tests.extracts import grid
-from tests.service.harness import Harness, assert_problem
+from tests.service.harness import Harness, assert_problem, patiently
 from tests.service.serving import Served, command, serving
 
 MINE = """
@@ -129,8 +129,8 @@ def take_along(served: Served, folder: Path, record_hash: str) -> None:
 
 def upload(served: Served, folder: Path) -> None:
     """Has a service import a small city."""
-    headers = {"authorization": f"Bearer {served.token}", "prefer": "wait=30"}
+    headers, path = {"authorization": f"Bearer {served.token}"}, f"{served.url}/v1/networks"
     content = {"file": ("city.osm", grid().encode())}
     form = {"name": "city", "largest_part": "true"}
-    answer = httpx.post(f"{served.url}/v1/networks", data=form, files=content, headers=headers, timeout=120)
+    answer = patiently(lambda prefer: httpx.post(path, data=form, files=content, headers=headers | prefer, timeout=120))
     assert answer.status_code == 201, answer.text

@@ -21,7 +21,7 @@ from dohyo.sumo_networks.networks.entries import network_path
 from dohyo.sumo_networks.networks.importing import retract_network
 from dohyo.sumo_networks.networks.network import RoadNetwork
 from tests.extracts import BLACKPOOL, as_pbf, crossroads
-from tests.service.harness import Caller, Harness, assert_problem, running
+from tests.service.harness import Caller, Harness, assert_problem, patiently, running
 
 PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
     <location netOffset="0.00,0.00" convBoundary="0.00,0.00,200.00,0.00" origBoundary="0,0,200,0" projParameter="!"/>
@@ -42,8 +42,9 @@ PLAIN = b"""<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">
 def upload(caller: Caller, content: bytes, file: str = "town.net.xml", **fields: str) -> Any:
     form = {"name": "my-town", **fields}
     files = {"file": (file, content)}
-    headers = caller.headers | {"prefer": "wait=30"}
-    return caller.client.post("/v1/networks", data=form, files=files, headers=headers)
+    return patiently(
+        lambda prefer: caller.client.post("/v1/networks", data=form, files=files, headers=caller.headers | prefer)
+    )
 
 
 def test_networks_are_listed_with_what_they_hold(service: Harness) -> None:

@@ -32,7 +32,7 @@ from dohyo.service.evaluations.model import AttemptOutcome, Episode, EpisodeStat
 from dohyo.sumo_networks.errors import InvalidInputError
 from dohyo.sumo_networks.seeds import HELD_OUT_FROM
 from tests.service.conftest import MakeService
-from tests.service.harness import Harness, assert_problem, finish, running
+from tests.service.harness import Harness, assert_problem, finish, patiently, running
 from tests.service.served import Service
 from tests.service.serving import command
 
@@ -273,8 +273,8 @@ def end_run(harness: Harness, evaluation_id: str, missed_every: int) -> None:
 
 def verified(service: Service, episode: str) -> Any:
     """Answer of the job that drives an episode again."""
-    headers = {"authorization": f"Bearer {service.submitter_token}", "prefer": "wait=60"}
-    return httpx.post(f"{service.url}/v1/episodes/{episode}/verify", headers=headers, timeout=90.0).json()
+    allowed, path = {"authorization": f"Bearer {service.submitter_token}"}, f"/v1/episodes/{episode}/verify"
+    return patiently(lambda prefer: httpx.post(service.url + path, headers=allowed | prefer, timeout=120.0)).json()
 
 
 def _facts() -> dict[str, Any]:
