@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from dohyo.service.webhooks.model import Delivery
 from dohyo.service.webhooks.queries import announce
 from tests.service.challenges.driving import FACTS, admit, complete, end, enter, make_challenge
 from tests.service.harness import Caller, Harness, running
+from tests.service.served import wait_until
 
 READINGS = {
     "run": ("/v1/evaluations/{ev}", "/v1/evaluations/{ev}/episodes", "/v1/episodes/{ep}", "/v1/evaluations",
@@ -168,9 +168,10 @@ def test_events_of_a_secret_run_name_no_episode_except_to_insiders(service: Harn
     topic, events = f"evaluation:{run}", service.services.events
     with ThreadPoolExecutor() as pool:
         told = [pool.submit(caller.get, f"/v1/evaluations/{run}/progress") for caller in (ann, organiser)]
-        for _ in range(20):  # until both listen
-            events.publish(topic, {"episode": episode, "status": "done"})
-            time.sleep(0.05)
+        wait_until(lambda: len(events._subscriptions.get(topic, ())) == 2, "they do not both listen")
+        assert service.client.portal is not None
+        service.client.portal.call(events.publish, topic, {"episode": episode, "status": "done"})
+        wait_until(lambda: not any(one._waiting for one in tuple(events._subscriptions[topic])), "they do not read")
         complete(service.services.database, run, 50.0)
         events.publish(topic, {"evaluation": run, "status": "done"})
         outside, inside = (one.result().text for one in told)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import partial
@@ -18,12 +16,40 @@ from typer.testing import CliRunner
 from dohyo.agents.forecasting.data.grid import Grid
 from dohyo.agents.forecasting.data.reading import Format, read_latest
 from dohyo.agents.forecasting.simple import Persistence
-from dohyo.service.cli import app
+from dohyo.service.cli import app, following
 from dohyo.service.cli.following import followed
 from dohyo.sumo_networks.errors import InvalidInputError
 
 START = datetime(2026, 3, 2, 9)
 EVERY_S, IDLE_S = 0.01, 0.5
+
+
+class Clock:
+    """Stands for the module `time`: only a pause takes time, and none is waited for.
+
+    Attributes:
+        to_come: What happens during the pauses, by its time, s.
+    """
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self.to_come: list[tuple[float, Callable[[], object]]] = []
+
+    def monotonic(self) -> float:
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        self._now_s += seconds
+        while self.to_come and self.to_come[0][0] <= self._now_s:
+            self.to_come.pop(0)[1]()
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock of all readings: a slow machine takes no longer for them than another one."""
+    made = Clock()
+    monkeypatch.setattr(following, "time", made)
+    return made
 
 
 def line(minute: int, speed: float) -> str:
@@ -216,29 +242,26 @@ def test_a_file_may_be_moved_right_after_it_was_read(tmp_path: Path, monkeypatch
     assert read_latest(path, Format("km/h", growing=True)).offset_s == -5 * 3600
 
 
-def test_forecasts_wait_for_a_file_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forecasts_wait_for_a_file_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: Clock
+) -> None:
     monkeypatch.setenv("PATH", "")  # no chromium, which takes seconds
     path, out, figure = table(tmp_path / "t.csv", 20), tmp_path / "forecasts.csv", tmp_path / "drawn" / "now.html"
     run = ["forecast", "run", "--data", str(path), "--unit", "km/h", "--model", "persistence", "--out", str(out)]
 
     def obstruct() -> None:
-        while not figure.exists():
-            time.sleep(0.02)
-        kept = out.rename(tmp_path / "kept.csv")
+        out.rename(tmp_path / "kept.csv")
         out.mkdir()
         figure.unlink()
         figure.mkdir()
         add(path, line(20, 90.0))
-        time.sleep(1.0)
-        add(path, line(21, 90.0))
-        time.sleep(1.0)
-        out.rmdir()
-        kept.rename(out)
 
-    logger = threading.Thread(target=obstruct)
-    logger.start()
+    def clear() -> None:
+        out.rmdir()
+        (tmp_path / "kept.csv").rename(out)
+
+    clock.to_come = [(0.0, obstruct), (1.0, lambda: add(path, line(21, 90.0))), (2.0, clear)]
     result = CliRunner().invoke(app, [*run, "--figure", str(figure), "--follow", "--every", "0.05", "--idle", "2.5"])
-    logger.join()
     assert result.exit_code == 0, result.output
     assert result.stderr.count(f"cannot write '{out}': Is a directory; forecasts are appended as soon as") == 1
     assert result.stderr.count(f"Is a directory; '{figure}' is drawn again with the next forecast") == 1
@@ -302,7 +325,7 @@ def test_forecasts_are_appended_to_no_other_file(tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_the_rows_of_a_new_file_are_awaited_with_one_message(tmp_path: Path) -> None:
+def test_the_rows_of_a_new_file_are_awaited_with_one_message(tmp_path: Path, clock: Clock) -> None:
     """Of a detector with a row each five minutes; one row or a few have no step that could be judged."""
     path, model, out = tmp_path / "t.csv", tmp_path / "m.safetensors", tmp_path / "forecasts.csv"
     lines = [line(5 * step, 90 + step % 5) for step in range(220)]
@@ -310,17 +333,11 @@ def test_the_rows_of_a_new_file_are_awaited_with_one_message(tmp_path: Path) -> 
     dohyo("forecast", "fit", "--data", path, "--unit", "km/h", "--model", "linear", "--out", model)
     run = ["forecast", "run", "--data", str(path), "--unit", "km/h", "--model", str(model), "--out", str(out)]
 
-    def rotate() -> None:
-        while not out.exists():
-            time.sleep(0.02)
-        for rows in range(10):
-            path.write_text("time,speed\n" + "".join(lines[200 : 200 + rows]))
-            time.sleep(0.2)
+    def rotate(rows: int) -> None:
+        path.write_text("time,speed\n" + "".join(lines[200 : 200 + rows]))
 
-    logger = threading.Thread(target=rotate)
-    logger.start()
+    clock.to_come = [(0.2 * rows, partial(rotate, rows)) for rows in range(10)]
     result = CliRunner().invoke(app, [*run, "--follow", "--every", "0.05", "--idle", "1.5"])
-    logger.join()
     assert result.exit_code == 0, result.output
     told = [one for one in result.stderr.splitlines() if "looking again" in one]
     assert [one for one in told if "min apart" in one] == []

@@ -57,7 +57,7 @@ PROGRAM = """if True:
         sys.exit("a signal was sent")
     except PermissionError:
         pass
-    limits = PolicyLimits(decision_s=2.0)
+    limits = PolicyLimits(decision_s=5.0)
     model = models.triggered(models.endless()).SerializeToString()
     sandbox = Sandbox(model, (Tensor("speedometer", (2,), "float32"),), limits, 0)
     assert sandbox.decide({"speedometer": np.array([1.0, 0.5], np.float32)}).tolist() == [1.0, 0.5]

@@ -6,15 +6,25 @@ import asyncio
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from dohyo.evaluation.agent import Observation
 from dohyo.service.running.gauge import GAUGE_BYTES, Gauge
 from dohyo.service.running.order import EpisodeOrder
 from dohyo.service.running.process import End, EpisodeProcess, Outcome
-from tests.service.served import STEADY, info_of, short
+from tests.evaluation.agents import Steady
+from tests.service.served import info_of, short
 
 SLUGGISH = "tests.evaluation.agents:Sluggish"
 HANGS = "tests.evaluation.agents:Hangs"
+
+
+class Stands(Steady):
+    """Never moves, so that its drive lasts for long."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        return np.zeros(2)
 
 
 def order(folder: Path, entry: str, act_deadline_s: float) -> EpisodeOrder:
@@ -42,10 +52,10 @@ def test_an_agent_that_takes_half_of_the_limit_has_failed(tmp_path: Path) -> Non
 def test_a_drive_beyond_the_limit_is_the_machines_fault_where_the_agent_was_fast(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dohyo.service.running.process.POLL_S", 0.002)  # the drive takes a tenth of a second
-    outcome = asyncio.run(drive(tmp_path, STEADY, 0.02))
+    monkeypatch.setattr("dohyo.service.running.process.POLL_S", 0.002)
+    outcome = asyncio.run(drive(tmp_path, f"{__name__}:Stands", 0.2))
     assert outcome.end is End.FAILED
-    assert "simulation took more than 0.02 s; its agent took 0 s" in outcome.text
+    assert "simulation took more than 0.2 s; its agent took 0 s" in outcome.text
 
 
 def test_a_decision_that_still_runs_is_no_time_of_the_simulation(tmp_path: Path) -> None:
