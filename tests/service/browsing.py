@@ -43,6 +43,11 @@ class Visit:
 Visitor = Callable[..., Visit]
 
 
+def drawn(page: Page) -> None:
+    """Waits until all that was asked for is drawn: what asks for a frame later is drawn later."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
+
+
 @contextmanager
 def launched() -> Iterator[Browser]:
     """Debian's chromium."""

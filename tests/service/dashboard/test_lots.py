@@ -20,6 +20,7 @@ from dohyo.service.evaluations import scoring
 from dohyo.service.evaluations.metrics import as_document
 from dohyo.service.evaluations.views import EvaluationView
 from dohyo.service.parking.replay import replay_of_lot
+from tests.service.browsing import drawn
 from tests.service.dashboard.conftest import Visitor
 from tests.service.dashboard.fake import VERSION, WHEN
 
@@ -142,5 +143,5 @@ def test_a_lot_is_replayed_by_the_keyboard(page: Any) -> None:
 
 def picture(page: BrowserPage) -> str:
     """Pixels of the replay."""
-    page.wait_for_timeout(100)
+    drawn(page)
     return str(page.evaluate("document.querySelector('canvas').toDataURL()"))

@@ -234,7 +234,8 @@ def test_the_runs_of_a_team_are_polled_by_one_timer_and_keep_the_focus(visit: Vi
         page.get_by_role("button", name="start the run", exact=True).click()
         expect(page.get_by_role("button", name="start the run", exact=True)).to_be_enabled()
     before = len(polls)
-    page.clock.run_for(4500)
+    with page.expect_request("**/v1/evaluations?ranking=*"):
+        page.clock.run_for(4500)
     page.wait_for_timeout(500)
     assert len(polls) == before + 1
     page.clock.run_for(300)
@@ -361,10 +362,14 @@ def test_a_map_that_was_drawn_anew_leaves_nothing_of_the_one_before(visit: Visit
 
 
 def is_forgotten(page: Page) -> bool:
-    """Whether nothing on the page holds what `window.before` refers to."""
-    page.wait_for_timeout(500)
-    page.context.new_cdp_session(page).send("HeapProfiler.collectGarbage")
-    return bool(page.evaluate("before.deref() === undefined"))
+    """Whether nothing on the page holds what `window.before` refers to, once all has come that is under way."""
+    collector = page.context.new_cdp_session(page)
+    for _ in range(60):
+        page.wait_for_timeout(500)
+        collector.send("HeapProfiler.collectGarbage")
+        if page.evaluate("before.deref() === undefined"):
+            return True
+    return False
 
 
 def test_another_ego_of_the_address_changes_facts_and_timeline_and_the_choice_keeps_the_focus(visit: Visitor) -> None:
@@ -408,7 +413,8 @@ def test_reasons_that_failed_are_not_asked_for_again_until_the_next_jump(visit: 
             held.append(route)
 
     page.route("**/explanation?*", refuse)
-    page.keyboard.press("ArrowRight")
+    with page.expect_request("**/explanation?*"):
+        page.keyboard.press("ArrowRight")
     page.wait_for_timeout(1000)  # a slow answer is waited for
     assert len(asked) == 1
     held[0].fulfill(status=429, json=REFUSED)
@@ -479,8 +485,7 @@ def test_a_live_world_whose_first_ego_has_ended_is_drawn_and_the_choice_keeps_th
     page = live_world(one)
     page.wait_for_selector("canvas")
     expect(page.locator(".facts-panel .command")).to_contain_text("wo-1 east-driver east 8.0")
-    page.wait_for_timeout(1000)
-    assert page.locator("canvas").evaluate(COLOURS) > 3
+    page.wait_for_function(f"({COLOURS})(document.querySelector('canvas')) > 3")
     button = page.get_by_role("button", name="east")
     button.focus()
     page.keyboard.press("Space")

@@ -10,6 +10,7 @@ from playwright.sync_api import expect
 from dohyo.evaluation.records.specifications import Status
 from dohyo.service.episodes.views import AttemptView
 from dohyo.service.evaluations.model import AttemptOutcome
+from tests.service.browsing import drawn
 from tests.service.dashboard import fake as fakes
 from tests.service.dashboard.conftest import Site, Visitor
 
@@ -243,7 +244,7 @@ def test_a_mark_on_the_map_opens_its_replay_five_seconds_before(visit: Visitor, 
     page = visit().go("/evaluations/ev-reckless/map")
     box = page.locator("canvas").bounding_box()
     assert box is not None
-    page.wait_for_timeout(200)
+    drawn(page)
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.wait_for_url(f"**/episodes/reckless-right-to-south-s0#t={first.time_s - 5:.1f}*")
 
