@@ -79,7 +79,7 @@ def test_random_keeps_an_action_for_a_second() -> None:
 
 
 def test_random_draws_from_the_whole_action_space() -> None:
-    drawn = actions(6, 3000)
+    drawn = actions(6, 10_000)
     assert (drawn >= PedalsSteering.space.low).all()
     assert (drawn <= PedalsSteering.space.high).all()
     np.testing.assert_allclose(drawn.mean(axis=0), [0.5, 0.5, 0.0], atol=0.1)

@@ -146,8 +146,8 @@ def test_an_ego_that_could_go_on_after_a_stop_is_held_for_half_of_the_times() ->
             noise.disturbed(np.array([-1.0, 0.0]), 0.0, {})
         return sum(noise.disturbed(np.array([2.0, 0.0]), 0.0, {})[0] < 0.0 for _ in range(10))
 
-    after_a_stop = [held(3.0, seed) for seed in range(40)]
-    assert 8 < sum(ticks == 10 for ticks in after_a_stop) < 32
+    after_a_stop = [held(3.0, seed) for seed in range(80)]
+    assert 20 < sum(ticks == 10 for ticks in after_a_stop) < 60
     assert all(held(0.3, seed) == 0 for seed in range(20)), "it has hardly stood"
 
 

@@ -99,9 +99,9 @@ def test_pictures_are_shifted_by_as_much_of_their_side_as_in_the_thesis(side: in
     torch.manual_seed(0)
     augment = augmentation(RlfoldRunConfig(town=TOWN.model_copy(update={"side": side})))
     assert augment is not None
-    pictures = torch.zeros(64, 6, 24, side, dtype=torch.uint8)
+    pictures = torch.zeros(128, 6, 24, side, dtype=torch.uint8)
     pictures[..., side // 2] = 255
-    one = TensorDict({"observation": {"camera": pictures}, "next": {"observation": {"camera": pictures}}}, [64])
+    one = TensorDict({"observation": {"camera": pictures}, "next": {"observation": {"camera": pictures}}}, [128])
     columns = augment(one)["observation", "camera"].float().mean(dim=(1, 2)).argmax(dim=1)
     assert int((columns - side // 2).abs().max()) == most
 
@@ -119,7 +119,7 @@ def test_only_transitions_with_a_label_are_imitated(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("gate", "share"), [("uncertainty", 0.5), ("share", 0.3), ("never", 0.0)])
 def test_the_expert_takes_the_speed_where_the_gate_opens(tmp_path: Path, gate: str, share: float) -> None:
-    rlfold, count = made(tmp_path, gate=gate), 1000
+    rlfold, count = made(tmp_path, gate=gate), 4000
     deviations = torch.linspace(0.6, 1.0, count)  # half of them above 0.8
 
     def policy(observation: TensorDict) -> TensorDict:

@@ -85,8 +85,8 @@ def test_nobody_connected_is_nobody_commanded() -> None:
 
 def test_three_of_a_hundred_have_the_other_controller_and_keep_it() -> None:
     fleet = Fleet(1)
-    n = 2000
-    crowd = world(position_m=np.arange(n) * 5.0, lane=np.arange(n) % 4)
+    n = 4000
+    crowd = world(position_m=np.arange(n) * 2.5, lane=np.arange(n) % 4)
     fleet.commands(crowd, plan(20.0))
     kinds = dict(fleet._kind)
     fleet.commands(crowd, plan(10.0))

@@ -100,7 +100,7 @@ def test_an_experts_action_is_stored_with_the_policys_density():
 
 
 def test_where_an_expert_has_no_opinion_the_policy_acts():
-    batch = learner(Point(reticent=True), guided_share=1.0, initial_std=0.1).collect()
+    batch = learner(Point(reticent=True), guided_share=1.0, initial_std=0.1, horizon=256).collect()
     place, action = seen(batch)[..., 0].numpy(), batch["action"][..., 0].numpy()
     advised = np.abs(action - np.clip(-place / STEP, -1, 1)) < 1e-6
     assert (advised == (place < 0)).all()
@@ -111,7 +111,7 @@ def test_where_an_expert_has_no_opinion_the_policy_acts():
 def test_without_experts_the_actions_spread_as_they_should():
     batch = learner(Point(), initial_std=0.7, horizon=1000).collect()
     assert guided_steps(batch) == 0
-    assert float(batch["action"].std()) == pytest.approx(0.7, rel=0.05)
+    assert float(batch["action"].std()) == pytest.approx(0.7, rel=0.07)
     moved = (batch["next", "observation", "observation"] - seen(batch))[..., 0]
     assert moved.numpy() == pytest.approx(STEP * batch["action"][..., 0].clamp(-1, 1), abs=1e-5)
 

@@ -255,7 +255,7 @@ def test_a_learner_is_promoted_by_its_own_successes():
 class Halves(Ladder):
     """Half of the episodes succeed at once, the others fail late."""
 
-    curriculum = Curriculum(levels=2, threshold=0.6, window=200)
+    curriculum = Curriculum(levels=2, threshold=0.6, window=600)
 
     def make_env(self, rank: int) -> Env:
         return HalvesEnv()
@@ -280,7 +280,7 @@ def test_cuts_promote_nobody_whose_short_episodes_succeed_and_whose_long_ones_fa
         assert collector.cut
     successes = [one.success for one in collector.finished()]
     assert len(successes) > 2000
-    assert np.mean(successes) > 0.62, "of those that ended, since cuts fall on long ones"
+    assert np.mean(successes) > 0.6, "of those that ended, since cuts fall on long ones"
     assert collector.level == 0
 
 
