@@ -103,16 +103,16 @@ def test_the_same_generator_gives_the_same_report(seed: int) -> None:
 
 
 def silences(reported: FloatArray) -> list[int]:
-    """Lengths of all gaps of all segments, minutes."""
-    lengths = []
+    """Lengths of the gaps of all segments, minutes; one that many segments have at the same time counts once."""
+    gaps = set[tuple[int, int]]()
     for column in np.isnan(reported).T:
-        edges = np.flatnonzero(np.diff(np.r_[False, column, False]))
-        lengths += (edges[1::2] - edges[::2]).tolist()
-    return lengths
+        edges = np.flatnonzero(np.diff(np.r_[False, column, False])).tolist()
+        gaps.update(zip(edges[::2], edges[1::2], strict=True))
+    return [end - begin for begin, end in gaps]
 
 
 def test_outages_of_a_live_feed_are_as_many_and_as_long_as_those_of_recorded_days() -> None:
-    days = 10
+    days = 15
     feed = SegmentFeed(ROAD, seed=0, lag_minutes=0)
     middles = ((ROAD.bounds_m[1:] + ROAD.bounds_m[:-1]) / 2).tolist()
     for half in range(days * 2880 + 1):
@@ -121,9 +121,9 @@ def test_outages_of_a_live_feed_are_as_many_and_as_long_as_those_of_recorded_day
     true = np.full_like(live, 25.0)
     recorded = reported_speeds(true, np.full_like(true, 100.0), np.random.default_rng(0))
     assert len(live) == days * 1440
-    assert len(silences(live)) == pytest.approx(days * 21 * 0.75, rel=0.2)
-    assert np.mean(silences(live)) == pytest.approx(np.mean(silences(recorded)), rel=0.25)
-    assert 9 < np.mean(silences(live)) < 15
+    for feed_of_days in (live, recorded):  # 191 gaps in the mean, with a deviation of 14; their mean deviates by 0.9
+        assert len(silences(feed_of_days)) == pytest.approx(days * (21 * 0.6 + 0.15), rel=0.3)
+        assert 8 < np.mean(silences(feed_of_days)) < 16
 
 
 # Pings

@@ -70,7 +70,7 @@ def test_spacing_is_a_gap_at_the_speed_limit() -> None:
 def test_vehicles_per_hour_is_their_mean_and_their_times_are_random() -> None:
     gaps = np.diff(Paper().run(7200.0, flow(vehicles_per_hour=900.0)).times)
     assert len(gaps) == pytest.approx(1800, abs=4 * 1800**0.5)
-    assert gaps.std() == pytest.approx(4.0, rel=0.1), "as large as the mean: a Poisson process"
+    assert gaps.std() == pytest.approx(4.0, rel=0.15), "as large as the mean: a Poisson process"
 
 
 def test_each_flow_has_gaps_of_its_own_and_the_seed_decides_them() -> None:
