@@ -30,7 +30,7 @@ main()
 def dohyo(*arguments: str, cwd: Path, code: str = REPORT) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "160"}
     command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, env=environment, check=False)
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, env=environment, check=False)
 
 
 def leaves(table: Mapping[str, Command | Group], words: tuple[str, ...] = ()) -> Iterator[tuple[str, Command]]:
@@ -115,7 +115,7 @@ def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         env=os.environ | environment | {"PYTHONPATH": str(ROOT)},
         check=False,
     )

@@ -13,7 +13,7 @@ from tests.service.serving import Served
 
 SPEEDS = {"front": 9.0, "middle": 7.0, "back": 5.0}
 AHEAD = [6.0, 0.0]
-PATIENCE_S = 120.0
+PATIENCE_S = 300.0
 
 
 def scenario(egos: int = 3, goal_m: float = 20.0) -> Scenario:
