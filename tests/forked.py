@@ -97,8 +97,11 @@ class Python:
     def wait_for(self, condition: Callable[[], bool]) -> None:
         """Waits until a condition holds, which must be before it ends."""
         patience = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert self.poll() is None, self.output() + self.errors()
+        while True:
+            ended = self.poll() is not None  # asked first: the condition may come true just before the end
+            if condition():
+                return
+            assert not ended, self.output() + self.errors()
             assert time.monotonic() < patience
             time.sleep(0.01)
 

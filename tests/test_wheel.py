@@ -177,7 +177,7 @@ def test_the_service_starts_answers_and_stops(dohyo: str, folder: Path) -> None:
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True, env=environment(folder)) as service:
         assert service.stdout is not None
         url = service.stdout.readline().strip().removeprefix("dohyo: ")
-        transport = httpx.HTTPTransport(retries=5)
+        transport = httpx.HTTPTransport(retries=8)  # a minute: each wait is twice the last one
         with httpx.Client(transport=transport, timeout=120) as client:
             assert client.get(f"{url}/health/live").status_code == 200
             assert client.get(f"{url}/v1/benchmarks").status_code in (200, 401)

@@ -96,19 +96,13 @@ def test_no_decision_of_an_episode_compiles_a_kernel(agent: str) -> None:
 
 
 DRIVES = """
-import sys
-from dohyo.agents.registry import resolve_with
-from dohyo.evaluation.agent import make_agent
-from dohyo.evaluation.episode.runner import drive_episode
-from tests.evaluation.episode.test_runner import scenario
+from tests.agents.test_warm_up import compiled_while_deciding
 
-agent = make_agent(*resolve_with("autopilot", {}))
-record, _ = drive_episode(scenario(time_limit_s=2.0), {"ego": agent}, act_deadline_s=2.0)
-print(record.egos[0].failure)
+print(*compiled_while_deciding("autopilot", {})[2:])
 """
 
 
 @pytest.mark.slow
 def test_with_an_empty_cache_the_first_episode_has_no_late_decision(tmp_path: Path) -> None:
-    assert python(DRIVES, NUMBA_CACHE_DIR=str(tmp_path)) == "None"
+    assert python(DRIVES, NUMBA_CACHE_DIR=str(tmp_path)) == "[] None"
     assert list(tmp_path.rglob("*.nbi")), "nothing was compiled into this cache"

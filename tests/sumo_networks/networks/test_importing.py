@@ -7,6 +7,7 @@ import gzip
 import json
 import signal
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -163,7 +164,8 @@ def test_a_killed_import_leaves_nothing(tmp_path: Path, osm: Path, home: Path) -
     for number in range(5):  # on a busy machine an import may end before it is killed
         before = written(home)
         process = Python(code, str(temporary), "networks", "import", str(osm), "--name", f"killed-{number}")
-        process.wait_for(lambda: any(temporary.glob("dohyo-import-*/*")))
+        while process.poll() is None and not any(temporary.glob("dohyo-import-*/*")):
+            time.sleep(0.01)
         if (ended := process.end(signal.SIGTERM)) == 130:
             break
     assert ended == 130
