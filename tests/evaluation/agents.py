@@ -49,6 +49,15 @@ class Slow(Steady):
         return super().act(observation)
 
 
+class Halting(Steady):
+    """Hardly goes on, from the seed on that the environment names."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        if self.seed >= int(os.environ.get("HALTS_FROM", self.seed + 1)):
+            time.sleep(1.0)
+        return super().act(observation)
+
+
 class Sluggish(Steady):
     """Takes two seconds for every decision, within any usual deadline."""
 

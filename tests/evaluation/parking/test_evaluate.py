@@ -142,28 +142,28 @@ from dohyo.evaluation.parking.benchmark import load_parking_benchmark
 from dohyo.evaluation.parking.evaluate import evaluate_parking
 from tests.evaluation.parking.test_evaluate import HERE, MANY
 running.CHUNK = 3
-evaluate_parking(load_parking_benchmark("parking-simple"), f"{HERE}:Slow", {}, "local", MANY, Path(sys.argv[1]))
+evaluate_parking(load_parking_benchmark("parking-simple"), f"{HERE}:Halting", {}, "local", MANY, Path(sys.argv[1]))
 """
 MANY = range(HELD_OUT_FROM, HELD_OUT_FROM + 30)
 
 
 def test_kill_nine_loses_no_lot_that_was_kept(tmp_path):
     out, simple = tmp_path / "killed", load_parking_benchmark("parking-simple")
-    process = Python(KILLED, str(out))
+    process = Python(KILLED, str(out), env=os.environ | {"HALTS_AT": str(MANY[15])})
     process.wait_for(lambda: len(list(out.glob(f"driven/*/{RECORDS}"))) >= 2)
     with pytest.raises(InvalidInputError, match="in use by another process"):
-        evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, out)
+        evaluate_parking(simple, f"{HERE}:Halting", {}, "local", MANY, out)
     process.end(signal.SIGKILL)
     assert not (out / RECORDS).exists()
     with pytest.raises(InvalidInputError, match="or another agent"):
         evaluate_parking(simple, f"{HERE}:Greedy", {}, "local", MANY, out)
     told: list[tuple[int, int]] = []
-    resumed = evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, out, tell=lambda *one: told.append(one))
+    resumed = evaluate_parking(simple, f"{HERE}:Halting", {}, "local", MANY, out, tell=lambda *one: told.append(one))
     assert told[0] >= (7, 30)
     assert told[-1] == (30, 30)
     assert resumed == read_records(out / RECORDS)
     assert not (out / "driven").exists()
-    assert resumed == evaluate_parking(simple, f"{HERE}:Slow", {}, "local", MANY, tmp_path / "undisturbed")
+    assert resumed == evaluate_parking(simple, f"{HERE}:Halting", {}, "local", MANY, tmp_path / "undisturbed")
     assert (out / MOTION).read_bytes() == (tmp_path / "undisturbed" / MOTION).read_bytes()
 
 

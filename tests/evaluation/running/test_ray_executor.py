@@ -112,7 +112,7 @@ def test_what_dies_or_falls_silent_once_is_driven_again(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, agent: str
 ) -> None:
     monkeypatch.setattr(ray_executor, "BEAT_S", 1.0)
-    monkeypatch.setattr(ray_executor, "SILENCE_S", 5.0)
+    monkeypatch.setattr(ray_executor, "SILENCE_S", 8.0 if "Stops" in agent else 60.0)
     settings = {"marker": str(tmp_path / "marker")}
     crashed = run_benchmark(
         benchmark(1), agent, settings=settings, out=tmp_path / "crashed", executor=RayExecutor(workers=2)

@@ -113,9 +113,9 @@ def test_an_episode_is_the_same_each_time(recorded):
 
 def test_a_killed_recording_goes_on_and_ends_with_the_same_bytes(recorded, tmp_path):
     code = (
-        "from pathlib import Path;"
+        "import time; from pathlib import Path;"
         "from dohyo.agents.hierarchical.vision.recording import PictureRequest, record_pictures;"
-        f"record_pictures({SMALL!r}, Path({str(tmp_path)!r}))"
+        f"record_pictures({SMALL!r}, Path({str(tmp_path)!r}), lambda share: time.sleep(600 * (share > 0.5)))"
     )
     process = Python(code)
     process.wait_for(lambda: bool(list(tmp_path.rglob("*.npz"))))
