@@ -25,7 +25,7 @@ FLOORS = ("sumo_networks", "evaluation", "agents", "service")
 PROJECT = ("dohyo", *FLOORS, "pyproject.toml", "README.md", "LICENSE")
 NOT_IN_THE_WHEEL = re.compile(r"\.md$|/results/|__pycache__|/\.lock$")
 """Documents, results, and what runs leave in a working copy."""
-LOCK = "agents/league/editions/2026-12/.lock"
+LOCK = "agents/league/editions/2027-01/.lock"
 """Left where rows of the league are driven."""
 BUILD = "import setuptools.build_meta as backend, sys; backend.build_wheel(sys.argv[1])"
 

@@ -19,7 +19,7 @@ from dohyo.evaluation.families import Family
 from dohyo.sumo_networks.config import Config
 from dohyo.sumo_networks.errors import InvalidInputError, UnknownNameError
 
-PUBLISHED: Final = Path(__file__).parent / "editions" / "2026-12"
+PUBLISHED: Final = Path(__file__).parent / "editions" / "2027-01"
 """Folder of the edition that comes with dohyo, with its rows."""
 DOCUMENT: Final = PUBLISHED / "edition.toml"
 AGENTS: Final = Path(__file__).parents[1]

@@ -52,7 +52,7 @@ class LeagueDisciplineView(View):
 class LeagueView(View):
     """Dohyo's own systems in parts of benchmarks, on seeds that were fixed before the first drive."""
 
-    edition: Annotated[str, Field(description="Year and month of the edition.", examples=["2026-12"])]
+    edition: Annotated[str, Field(description="Year and month of the edition.", examples=["2027-01"])]
     versions: Annotated[list[str], Field(description="Versions of dohyo that drove its rows.", examples=[["0.1.0"]])]
     told: Annotated[str, Field(description="What the edition is.")]
     looked_at: Annotated[
