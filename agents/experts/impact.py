@@ -18,6 +18,7 @@ STEPS = 20
 SAFE_ACCELERATION = math.inf
 HARD_BRAKING = 7.0
 LATE_STEPS = 3
+STANDING_M_S = 0.3
 SIGHT_M = 35.0
 MARGIN_M = 0.1
 FASTEST_TURN = 1.0
@@ -34,7 +35,7 @@ class Impact:
         self._direction = 0.0
 
     def acceleration(self, objects: Float32Array, route: Float32Array, speed: float, wish: float) -> float:
-        """Full braking where a later moment would be too late, else infinite.
+        """Full braking where a later moment would be too late, or to stand while another crosses, else infinite.
 
         Args:
             objects: (48, 8), see `sensors.objects`.
@@ -43,13 +44,19 @@ class Impact:
             wish: Acceleration that the other rules ask for, m/s^2.
         """
         boxes = self._moving(objects, route, speed)
-        if speed < 0.3 or not len(boxes):
-            return SAFE_ACCELERATION
         path = route[:, :3].astype(np.float64)
+        if speed < STANDING_M_S:
+            return self._start(boxes[boxes[:, 3] > STANDING_M_S], path, speed, wish)
         on = impact_speed(boxes, path, speed, wish, STEPS, *self._half)
         if on == NEVER or impact_speed(boxes, path, speed, wish, LATE_STEPS, *self._half) == NEVER:
             return SAFE_ACCELERATION
         return -8.0 if impact_speed(boxes, path, speed, -HARD_BRAKING, 0, *self._half) < on else SAFE_ACCELERATION
+
+    def _start(self, moving: FloatArray, path: FloatArray, speed: float, wish: float) -> float:
+        """A standing ego remains so while it would drive into the way of one that moves."""
+        if wish <= 0.0 or impact_speed(moving, path, speed, wish, STEPS, *self._half) == NEVER:
+            return SAFE_ACCELERATION
+        return -8.0
 
     def _moving(self, objects: Float32Array, route: Float32Array, speed: float) -> FloatArray:
         """(N, 7) x, y, heading, speed, turn rate [rad/s], length, width of actors near and not behind."""
@@ -103,7 +110,7 @@ def impact_speed(
     s = 0.0
     for step in range(STEPS):
         speed = max(speed + (acceleration if step < steps else -HARD_BRAKING) * TICK_S, 0.0)
-        if speed < 0.1:
+        if speed < 0.1 and (step >= steps or acceleration <= 0.0):
             return NEVER
         s += speed * TICK_S
         i = min(int(s), path.shape[0] - 2)

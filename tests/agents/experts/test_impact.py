@@ -67,8 +67,19 @@ def test_it_brakes_only_when_the_next_moment_would_be_too_late(row: tuple[float,
     assert wish == (-8.0 if brakes else SAFE_ACCELERATION)
 
 
-def test_a_standing_ego_has_nothing_to_prevent() -> None:
-    assert Impact(*HALF).acceleration(seen((4.6, 0.0, math.pi, 5.0)), straight(), 0.0, 2.0) == SAFE_ACCELERATION
+@pytest.mark.parametrize(
+    ("row", "stays"),
+    [
+        pytest.param((4.5, -6.0, math.pi / 2, 5.0), True, id="sweeps across its front"),
+        pytest.param((4.5, -6.0, -math.pi / 2, 5.0), False, id="leaves to the right"),
+        pytest.param((6.0, 0.0, 0.0, 0.0), False, id="stands ahead, which is for other rules"),
+        pytest.param((9.0, 3.2, math.pi, 13.0), False, id="comes in his own lane"),
+    ],
+)
+def test_a_standing_ego_starts_into_nobody_s_way(row: tuple[float, ...], stays: bool) -> None:
+    rule = Impact(*HALF)
+    assert rule.acceleration(seen(row), straight(), 0.0, 2.0) == (-8.0 if stays else SAFE_ACCELERATION)
+    assert rule.acceleration(seen(row), straight(), 0.0, 0.0) == SAFE_ACCELERATION, "it does not want to start"
 
 
 def test_it_stands_when_somebody_drives_into_its_path_from_the_side() -> None:
