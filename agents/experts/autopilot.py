@@ -32,9 +32,9 @@ from dohyo.agents.experts.passing import PASSING_M_S, Passing
 from dohyo.agents.planning import surroundings
 from dohyo.agents.planning.crossing import crossers
 from dohyo.agents.planning.sidestep import Sidestep
+from dohyo.agents.planning.stop_signs import NextStop
 from dohyo.agents.planning.surroundings import Surroundings, ran_into_from_behind
 from dohyo.agents.planning.warm_up import empty_road
-from dohyo.agents.safety.stop_signs import NextStop
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.evaluation.settings import FieldsOf
 from dohyo.sumo_networks.arrays import Float32Array

@@ -14,10 +14,10 @@ import numpy as np
 
 from dohyo.agents.planning.crossing import crossers
 from dohyo.agents.planning.sidestep import Sidestep
+from dohyo.agents.planning.stop_signs import NextStop
 from dohyo.agents.planning.surroundings import LaneBeside, Neighbour, Surroundings
 from dohyo.agents.rules.solver import Fact, fact
 from dohyo.agents.safety.rss_monitor import Danger
-from dohyo.agents.safety.stop_signs import NextStop
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters

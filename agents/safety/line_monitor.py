@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from dohyo.agents.planning.stop_signs import NextStop
 from dohyo.agents.safety.rss import EGO, RssConstants, behind_distance
 from dohyo.agents.safety.rss_monitor import response_ticks
-from dohyo.agents.safety.stop_signs import NextStop
 from dohyo.sumo_networks.arrays import Float32Array
 from dohyo.sumo_networks.world import LightState
 
