@@ -171,6 +171,7 @@ def read_rulebook(folder: Path) -> Rulebook:
     rules: list[Rule] = []
     facts: set[Signature] = set()
     actions: dict[Signature, str] = {}
+    texts = [_read(file) for file in files]
     for file in files:
         for statement, why in _statements(file):
             kind, place = statement.ast_type, f"{file.name}:{statement.location.begin.line}"
@@ -186,8 +187,19 @@ def read_rulebook(folder: Path) -> Rulebook:
             else:
                 raise RuleError(f"{place}: expected a rule, a constraint, #defined or #show: {statement}")
     _check_predicates(rules, facts, actions)
-    version = hashlib.sha256(b"".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()
+    named = (file.name.encode() + text for file, text in zip(files, texts, strict=True))
+    version = hashlib.sha256(b"".join(named)).hexdigest()
     return Rulebook(tuple(rules), frozenset(facts), MappingProxyType(actions), version, files)
+
+
+def _read(file: Path) -> bytes:
+    """A rule file; clingo itself ends the process where one is no text."""
+    try:
+        text = file.read_bytes()
+        text.decode()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RuleError(f"{file}: expected a file of rules in UTF-8: {error}") from error
+    return text
 
 
 def _statements(file: Path) -> Iterator[tuple[AST, str]]:

@@ -24,6 +24,16 @@ def answer(folder: Path, text: str, *facts: Fact) -> list[str]:
 # What is answered
 
 
+@pytest.mark.parametrize("text", [b"go. % \xff\xfe\n", None], ids=["no UTF-8", "a folder"])
+def test_what_is_no_text_is_refused_by_name(tmp_path: Path, text: bytes | None) -> None:
+    if text is None:
+        (tmp_path / "book.lp").mkdir()
+    else:
+        (tmp_path / "book.lp").write_bytes(text)
+    with pytest.raises(RuleError, match=r"book\.lp: expected a file of rules in UTF-8"):
+        read_rulebook(tmp_path)
+
+
 def test_rules_calculate_with_the_facts(tmp_path: Path) -> None:
     book = "#defined speed/1.\n#defined gap/1.\nneeds(V*V/(2*G)) :- speed(V), gap(G).\n"
     assert answer(tmp_path, book, fact("speed", 100), fact("gap", 200)) == ["needs(25)"]
