@@ -34,6 +34,7 @@ from dohyo.agents.planning.crossing import crossers
 from dohyo.agents.planning.sidestep import Sidestep
 from dohyo.agents.planning.stop_signs import NextStop
 from dohyo.agents.planning.surroundings import Surroundings, ran_into_from_behind
+from dohyo.agents.planning.turning import Turning
 from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import Agent, AgentSpec, Explanation, Mission, Observation
 from dohyo.evaluation.settings import FieldsOf
@@ -119,7 +120,7 @@ class Autopilot(Agent):
         self._aside = Sidestep()
         self._passing = Passing(self._half_length, self._half_width)
         self._yielding = EmergencyYielding(self._half_length)
-        self._impact = Impact(self._half_length, self._half_width)
+        self._impact, self._turning = Impact(self._half_length, self._half_width), Turning()
         self._right = 0.0
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -142,7 +143,8 @@ class Autopilot(Agent):
         }
         most = PASSING_ACCELERATION if self._passing.active else self.style.acceleration + self._hurry
         wish = min(min(wishes.values()), most)
-        wishes["impact"] = self._impact.acceleration(observation["objects"], route, speed, wish)
+        turned = self._turning.update(observation["route"], speed)
+        wishes["impact"] = self._impact.acceleration(observation["objects"], route, speed, wish, turned)
         cause = min(wishes, key=lambda name: wishes[name])
         refused = wishes["conflict"] < 0.1 and speed < 0.6
         self._refused = self._refused + 0.1 if refused else max(self._refused - 0.5, 0.0)
@@ -361,6 +363,7 @@ def _leader(objects: Float32Array, route: Float32Array, reach: float, half_lengt
         Gap between bumpers [m], infinite without an actor, and its speed along the path [m/s].
     """
     best, best_speed = np.inf, 0.0
+    ego_s = -route[0, 0] * math.cos(route[0, 2]) - route[0, 1] * math.sin(route[0, 2])
     for k in range(objects.shape[0]):
         if objects[k, 0] < 0:
             break
@@ -368,7 +371,7 @@ def _leader(objects: Float32Array, route: Float32Array, reach: float, half_lengt
         if ran_into_from_behind(x, y, heading, length, half_length):
             continue
         cos, sin = math.cos(heading), math.sin(heading)
-        nearest, low, high = 1_000_000, math.inf, -math.inf
+        nearest, gap, low, high = 1_000_000, math.inf, math.inf, -math.inf
         for a in (-0.5, 0.0, 0.5):
             for b in (-0.5, 0.0, 0.5):
                 px, py = x + a * length * cos - b * width * sin, y + a * length * sin + b * width * cos
@@ -379,12 +382,13 @@ def _leader(objects: Float32Array, route: Float32Array, reach: float, half_lengt
                         i, distance = j, d
                 if (i == 0 and px < 0.0) or i == route.shape[0] - 1:
                     continue
-                side = math.cos(route[i, 2]) * (py - route[i, 1]) - math.sin(route[i, 2]) * (px - route[i, 0])
+                along, left = math.cos(route[i, 2]), math.sin(route[i, 2])
+                side = along * (py - route[i, 1]) - left * (px - route[i, 0])
+                ahead = i - ego_s + along * (px - route[i, 0]) + left * (py - route[i, 1])
                 low, high = min(low, side), max(high, side)
-                nearest = min(nearest, i)
+                nearest, gap = min(nearest, i), min(gap, ahead - half_length)
         if low > reach or high < -reach:
             continue
-        gap = nearest - half_length
         if gap < best and nearest > 0:
             best = gap
             best_speed = max(speed * math.cos(heading - route[nearest, 2]), 0.0)

@@ -72,7 +72,7 @@ class Patience:
 
 
 def find_blocker(
-    around: Surroundings, junctions: Float32Array, patience: Patience, reach: float, behind: float
+    around: Surroundings, junctions: Float32Array, patience: Patience, reach: float, behind: float, front: float
 ) -> tuple[Blocker | None, bool]:
     """Blocker in the ego's lane ahead, and whether to pass it now: it may still be a queue.
 
@@ -82,6 +82,7 @@ def find_blocker(
         patience: Standing times.
         reach: Half the width of the corridor that the ego needs, m.
         behind: Actors that end before this are past, m from the ego's centre.
+        front: Of the ego, from which junctions are measured, m from its centre.
     """
     ahead = [one for one in around.driving() if one.within(-reach, reach) and behind < one.s_high and not one.oncoming]
     chain: list[Neighbour] = []
@@ -101,24 +102,26 @@ def find_blocker(
         0.0 if any(one.stands for one in chain) else max(one.speed for one in chain),
     )
     static = any(one.kind == ActorKind.STATIC for one in chain)
-    if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(blocker, junctions, static):
+    if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(last - front, junctions, static):
         return None, False
-    alone = _open_road(ahead, junctions, chain, last)
+    alone = _open_road(ahead, junctions, chain, last, last - front)
     return blocker, static or blocker.speed > 0.0 or patience.stands_for_good(chain[-1], alone)
 
 
-def _open_road(ahead: Sequence[Neighbour], junctions: Float32Array, chain: Sequence[Neighbour], last: float) -> bool:
+def _open_road(
+    ahead: Sequence[Neighbour], junctions: Float32Array, chain: Sequence[Neighbour], last: float, end: float
+) -> bool:
     """Whether neither a junction nor a vehicle ahead of the last one explains that it waits."""
     queued = any(last < one.s_low < last + CLOSE_M for one in ahead if one not in chain)
-    return not queued and not any(entry < last + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in junctions)
+    return not queued and not any(entry < end + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in junctions)
 
 
-def _at_a_junction(blocker: Blocker, junctions: Float32Array, static: bool) -> bool:
-    """Whether a junction lies before its front end, or so close ahead of it that it may queue there."""
+def _at_a_junction(end: float, junctions: Float32Array, static: bool) -> bool:
+    """Whether a junction lies before a blocker's end [m from the front], or so close ahead of it that it may queue."""
     for entry, leave, _, _ in junctions:
         # A junction of two roads only is a continuation, no junction.
         if entry >= 1000.0 or leave - entry <= 1.0:
             continue
-        if leave > 0.0 and entry < blocker.last + (0.0 if static else QUEUE_M) - OVERHANG_M:
+        if leave > 0.0 and entry < end + (0.0 if static else QUEUE_M) - OVERHANG_M:
             return True
     return False

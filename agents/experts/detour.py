@@ -106,8 +106,9 @@ class Detour:
         cos, sin = math.cos(scene.pose[2]), math.sin(scene.pose[2])
         dx, dy = before[0] - scene.pose[0], before[1] - scene.pose[1]
         path = observation["path"].astype(np.float64)
-        _, s, _ = surroundings.project(dx * cos + dy * sin, dy * cos - dx * sin, path)
-        return -s
+        _, then, _ = surroundings.project(dx * cos + dy * sin, dy * cos - dx * sin, path)
+        _, now, _ = surroundings.project(0.0, 0.0, path)
+        return now - then
 
     def cleared(self, scene: Scene, forecast: FloatArray) -> FloatArray:
         """Forecast without the oncoming vehicles that, as judged, leave room or make it.

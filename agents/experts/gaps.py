@@ -50,7 +50,7 @@ def leaves_room(
     """Whether an oncoming vehicle has passed before the ego is in its way, or does not meet it there.
 
     It keeps its speed until the ego is in its lane, and from then on drives so that it could still stop before it after
-    a second, as drivers do (Krauss 1998), if it is expected to brake at all.
+    `REACTION_S`, as drivers do (Krauss 1998), if it is expected to brake at all.
 
     Args:
         front: Of the other, m along the route from the ego's centre.

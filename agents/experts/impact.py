@@ -32,9 +32,10 @@ class Impact:
         self._half = half_length + MARGIN_M, half_width + MARGIN_M
         self._half_length = half_length
         self._seen: dict[int, tuple[float, float]] = {}
-        self._direction = 0.0
 
-    def acceleration(self, objects: Float32Array, route: Float32Array, speed: float, wish: float) -> float:
+    def acceleration(
+        self, objects: Float32Array, route: Float32Array, speed: float, wish: float, turned: float = 0.0
+    ) -> float:
         """Full braking where a later moment would be too late, or to stand while another crosses, else infinite.
 
         Args:
@@ -42,8 +43,9 @@ class Impact:
             route: (80, 7), see `sensors.route`; as the ego will follow it.
             speed: Of the ego, m/s.
             wish: Acceleration that the other rules ask for, m/s^2.
+            turned: By the ego since the last tick, rad.
         """
-        boxes = self._moving(objects, route, speed)
+        boxes = self._moving(objects, turned)
         path = route[:, :3].astype(np.float64)
         if speed < STANDING_M_S:
             return self._start(boxes[boxes[:, 3] > STANDING_M_S], path, speed, wish)
@@ -58,10 +60,8 @@ class Impact:
             return SAFE_ACCELERATION
         return -8.0
 
-    def _moving(self, objects: Float32Array, route: Float32Array, speed: float) -> FloatArray:
+    def _moving(self, objects: Float32Array, turned: float) -> FloatArray:
         """(N, 7) x, y, heading, speed, turn rate [rad/s], length, width of actors near and not behind."""
-        turned = speed * float(route[0, 3]) * TICK_S - wrap(float(route[0, 2]) - self._direction)
-        self._direction = float(route[0, 2])
         rows, seen = [], {}
         for kind, x, y, heading, pace, length, width, key in objects.tolist():
             if kind < 0 or math.hypot(x, y) > SIGHT_M:

@@ -82,7 +82,7 @@ class Passing:
         self.waits_at, self._top = FREE, min(PASSING_M_S, limit)
         reach = self._half_width + LEAST_CLEARANCE_M
         behind = -self._half_length if self.active else self._half_length
-        blocker, decided = find_blocker(around, junctions, self._patience, reach, behind)
+        blocker, decided = find_blocker(around, junctions, self._patience, reach, behind, self._half_length)
         if self.active:
             self._go_on(around, blocker, speed, progress, aside)
             return
@@ -248,7 +248,7 @@ class Passing:
     def in_the_way(
         self, one: Neighbour, offset: float, speed: float, hurry: float = 0.0, until: float = RAMP_M
     ) -> bool:
-        """Whether traffic in the same direction is beside the ego, too slow ahead, or would have to brake hard."""
+        """Whether traffic in the same direction is beside the ego, stands ahead, or would have to brake hard."""
         if not one.within(offset - self._half_width - 0.3, offset + self._half_width + 0.3):
             return False
         if one.s_low > self._half_length + 1.0:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from dohyo.evaluation.agent import Agent, AgentSpec, Mission, Observation
+from dohyo.sumo_networks.ego.control import pure_pursuit
 from dohyo.sumo_networks.ego.dynamics import VehicleParameters
 
 AIM_M = 6
@@ -29,5 +29,5 @@ class Reckless(Agent):
     def act(self, observation: Observation) -> np.ndarray:
         """Throttle, no brake, pure pursuit of a point 6 m ahead."""
         x, y = observation["route"][AIM_M, :2]
-        angle = math.atan2(2 * self._vehicle.wheelbase * float(y), float(x) ** 2 + float(y) ** 2)
-        return np.array([self.throttle, 0.0, angle / self._vehicle.max_steering])
+        steering = pure_pursuit(self._vehicle, float(x), float(y)) / self._vehicle.max_steering
+        return np.array([self.throttle, 0.0, steering])

@@ -99,9 +99,6 @@ class Mbappe(Agent):
             self._detour.reset()
         self._forget(seed)
 
-    def close(self) -> None:
-        """Clears the plan."""
-
     def _forget(self, seed: int) -> None:
         order = np.random.default_rng(seed).permutation(PAIRS)
         self._order: IntArray = np.ascontiguousarray(order, dtype=np.int64)

@@ -13,7 +13,6 @@ from dohyo.sumo_networks.geometry import wrap_angle
 from dohyo.sumo_networks.portable_math import exp
 from dohyo.sumo_networks.world import ActorKind
 
-HORIZON_S = 8.0
 STEP_S = 0.1
 STEPS = 81
 NEAREST = 30

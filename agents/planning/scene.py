@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dohyo.agents.planning.stop_signs import NextStop
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import BoolArray, Float32Array, FloatArray, IntArray, column
 from dohyo.sumo_networks.geometry import project_on_path, wrap_angle
@@ -169,7 +170,7 @@ class SceneBuilder:
         self._tick = 0
         self._poses: deque[FloatArray] = deque(maxlen=_MEMORY)
         self._seen: deque[dict[int, FloatArray]] = deque(maxlen=_MEMORY)
-        self._stood = False
+        self._sign = NextStop(STOOD_SPEED, STOOD_DISTANCE_M)
 
     def update(self, observation: Observation) -> Scene:
         """The scene of the next tick.
@@ -231,14 +232,13 @@ class SceneBuilder:
         )
 
     def _stop_lines(self, junctions: Float32Array, speed: float, length: float) -> StopLinesAhead:
-        ahead = junctions[(junctions[:, 0] > -0.5) & (junctions[:, 0] < 1000.0)].astype(np.float64)
-        at_sign = len(junctions) > 0 and junctions[0, 3] == RightOfWay.STOP
-        at_sign = at_sign and -0.5 < junctions[0, 0] < STOOD_DISTANCE_M
-        self._stood = bool(at_sign and (self._stood or speed < STOOD_SPEED))
+        self._sign.update(speed, junctions)
+        rows = np.flatnonzero((junctions[:, 0] > -0.5) & (junctions[:, 0] < 1000.0))
+        ahead = junctions[rows].astype(np.float64)
         signal, distance = ahead[:, 2].astype(np.int64), ahead[:, 0]
         stoppable = speed**2 <= 2 * YELLOW_BRAKING * np.maximum(distance - 0.5, 0.0)
         closed = (signal == LightState.RED) | ((signal == LightState.YELLOW) & stoppable)
-        signed = (ahead[:, 3].astype(np.int64) == RightOfWay.STOP) & ~((np.arange(len(ahead)) == 0) & self._stood)
+        signed = (ahead[:, 3].astype(np.int64) == RightOfWay.STOP) & ~((rows == self._sign.row) & self._sign.stood)
         return StopLinesAhead(s=distance + length / 2, closed=closed | signed, signal=signal)
 
 

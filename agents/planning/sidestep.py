@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dohyo.sumo_networks.arrays import Float32Array
@@ -41,10 +43,12 @@ class Sidestep:
         return self.offset != 0.0 or abs(self.at(progress)) > 0.05
 
     def applied(self, route: Float32Array, progress: float) -> Float32Array:
-        """`route` observation with its points and headings moved aside."""
+        """`route` observation, whose first point is the whole metre nearest to the ego, moved aside."""
         if not self.aside(progress):
             return route
-        offsets = np.array([self.at(progress + ahead) for ahead in range(len(route))])
+        x, y, heading = (float(value) for value in route[0, :3])
+        first = progress + x * math.cos(heading) + y * math.sin(heading)
+        offsets = np.array([self.at(first + ahead) for ahead in range(len(route))])
         out = route.copy()
         out[:, 0] -= offsets * np.sin(route[:, 2])
         out[:, 1] += offsets * np.cos(route[:, 2])

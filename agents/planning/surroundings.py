@@ -93,7 +93,10 @@ class Surroundings:
 
     def __init__(self, observation: Observation) -> None:
         self._path, self._lanes = observation["path"].astype(np.float64), observation["lanes"]
+        # The path's places count from its whole metre nearest to the ego.
+        _, self._ego_s, _ = project(0.0, 0.0, self._path)
         rows = boxes_on_path(observation["objects"], self._path)
+        rows[:, :2] -= self._ego_s
         self.lane_width = float(self._path[BEHIND, 5])
         self.neighbours = tuple(
             Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4], row[5])
@@ -110,6 +113,7 @@ class Surroundings:
         rows = self._lanes[(self._lanes[:, 0] >= 0) & (self._lanes[:, 2] == ROAD)]
         points = rows[:, ATTRIBUTES:].reshape(len(rows), POINTS, 2).astype(np.float64)
         found = _points_on_path(points, self._path)
+        found[:, 0] -= self._ego_s
         widths = np.repeat(rows[:, 3], points.shape[1])
         out = []
         for sign, oncoming in ((1.0, False), (-1.0, False), (1.0, True)):
@@ -142,7 +146,7 @@ def ran_into_from_behind(x: float, y: float, heading: float, length: float, half
 
 @njit(cache=True)
 def project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
-    """Row of the path nearest to a point, metres along it from the ego's projection, and to the left of it."""
+    """Row of the path nearest to a point, metres along it from row `BEHIND`, and to the left of it."""
     i, least = 0, math.inf
     for j in range(path.shape[0]):
         d = (path[j, 0] - x) ** 2 + (path[j, 1] - y) ** 2
@@ -156,7 +160,7 @@ def project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
 
 @njit(cache=True)
 def boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
-    """(48, 6) lowest and highest s, lowest and highest d [m] of each box, cosine and sine of its heading."""
+    """(48, 6) lowest and highest s from row `BEHIND` and d [m] of each box, cosine and sine of its heading."""
     out = np.zeros((objects.shape[0], 6))
     for k in range(objects.shape[0]):
         if objects[k, 0] < 0:

@@ -278,8 +278,10 @@ class FactsBuilder:
     def _in_lane(self, around: Surroundings, side: str, d: float) -> Iterator[Fact]:
         strip = d - self._half_width - STRIP_MARGIN_M, d + self._half_width + STRIP_MARGIN_M
         inside = [one for one in around.driving() if one.within(*strip)]
-        near = sorted(inside, key=lambda one: min(abs(one.s_low), abs(one.s_high)))[: 2 * NEAREST_IN_LANE]
-        for one in near:
+        # The nearest of each side, so that a queue that has been passed hides nobody who comes.
+        ahead = sorted((one for one in inside if one.s_low + one.s_high >= 0.0), key=lambda one: one.s_low)
+        behind = sorted((one for one in inside if one.s_low + one.s_high < 0.0), key=lambda one: -one.s_high)
+        for one in (*ahead[:NEAREST_IN_LANE], *behind[:NEAREST_IN_LANE]):
             low, high = one.s_low - self._half_length, one.s_high + self._half_length
             yield fact("in_lane", side, one.key, tenths(low), tenths(high), tenths(one.speed * one.along))
 

@@ -123,12 +123,10 @@ class RssMonitor:
             return ()
         x, y, heading = (float(v) for v in here[:3])
         offset = x * math.sin(heading) - y * math.cos(heading)
-        # Neighbours are measured from the path's nearest whole metre, not from the ego.
-        start = -x * math.cos(heading) - y * math.sin(heading)
         must_yield = {int(row[7]) for row in conflicts if row[6] >= 0 and row[5] == MUST_YIELD}
         rows = np.array(
             [
-                (o.s_low - start, o.s_high - start, o.d_low, o.d_high, o.speed, o.along, o.across, o.key in must_yield)
+                (o.s_low, o.s_high, o.d_low, o.d_high, o.speed, o.along, o.across, o.key in must_yield)
                 for o in neighbours
             ],
             dtype=np.float64,

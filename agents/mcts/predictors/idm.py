@@ -15,10 +15,10 @@ import numpy as np
 from dohyo.agents.mcts.kernels import kernel
 from dohyo.agents.planning.motion import Idm, idm_acceleration
 from dohyo.agents.planning.prediction import STEP_S, STEPS, Forecast
-from dohyo.agents.planning.scene import Scene
+from dohyo.agents.planning.scene import LanePieces, Scene
 from dohyo.sumo_networks.arrays import BoolArray, FloatArray, IntArray
 from dohyo.sumo_networks.geometry import wrap
-from dohyo.sumo_networks.sensors.lanes import CROSSING
+from dohyo.sumo_networks.sensors.lanes import CROSSING, JUNCTION
 from dohyo.sumo_networks.world import ActorKind
 
 MODEL = Idm(gap=2.0, headway=1.0, acceleration=2.0, braking=2.5, exponent=4.0, least_gap=0.1, hardest=6.0)
@@ -136,11 +136,19 @@ def paths(scene: Scene, agents: Agents) -> Paths:
         drivable = lanes.kind != CROSSING
         length = np.hypot(*np.diff(lanes.points, axis=1).transpose(2, 0, 1)).sum(axis=1)
         reach = length + 0.5 * lanes.width + ASIDE_M  # to its middle, with a margin
+        red = _begin_at_red(lanes)
         _find(
-            agents, lanes.points, lanes.width, lanes.limit, reach, drivable, lanes.on_route, lanes.red, lanes.following,
-            out,
+            agents, lanes.points, lanes.width, lanes.limit, reach, drivable, lanes.on_route, red, lanes.following, out,
         )  # fmt: skip
     return out
+
+
+def _begin_at_red(lanes: LanePieces) -> BoolArray:
+    """(L,) whether a red light stands where a piece begins: a way through a junction has one line, at its beginning."""
+    within = lanes.following[lanes.kind == JUNCTION]
+    red = lanes.red.copy()
+    red[within[within >= 0]] = False
+    return red
 
 
 def _agents(scene: Scene) -> Agents:

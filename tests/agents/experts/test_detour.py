@@ -61,6 +61,16 @@ def inner_lane() -> Scene:
     return parked(parked(scene), left=-LANE_M)
 
 
+@pytest.mark.parametrize("x", [100.0, 100.3, 100.7])
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+def test_it_knows_how_far_it_has_driven(x: float, speed: float) -> None:
+    detour, scenes = Detour(4.5, 1.8), SceneBuilder()
+    for world in straight_road().with_ego(x=x, speed=speed).worlds(10.0):
+        observation = observed(PdmClosed(), world)
+        detour.update(observation, scenes.update(observation))
+    assert detour._progress == pytest.approx(10.0 * speed, abs=0.05)
+
+
 @pytest.mark.parametrize("scene", [outer_lane(), inner_lane()], ids=["lane beside", "oncoming lane"])
 def test_it_passes_a_parked_car_and_returns(planner: Agent, scene: Scene) -> None:
     worlds = drive(planner, scene, 22.0)

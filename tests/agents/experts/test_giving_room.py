@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from dohyo.agents.experts.autopilot import _leader
+from dohyo.agents.experts.blockers import Patience, find_blocker
 from dohyo.agents.experts.courtesy import squeeze_past
 from dohyo.agents.planning.sidestep import Sidestep
 from dohyo.agents.planning.surroundings import Surroundings
@@ -53,6 +55,37 @@ def test_neighbours_and_lanes_are_seen_along_the_route() -> None:
     (left,) = around.lanes_beside(0.0, 40.0)
     assert left.d == pytest.approx(3.2, abs=0.05)
     assert not left.oncoming
+
+
+@pytest.mark.parametrize("x", [100.0, 100.3, 100.49, 100.51, 100.8])
+def test_everybody_is_as_far_away_as_he_is(x: float) -> None:
+    scene = straight_road().with_ego(x=x).with_actor(x + 40.0, 5.0, left=3.2).with_actor(x + 20.0, 5.0)
+    driver = made("Autopilot")
+    observation = observed(driver, scene.world())
+    ahead, beside = Surroundings(observation).neighbours
+    assert [0.5 * (one.s_low + one.s_high) for one in (ahead, beside)] == pytest.approx([20.0, 40.0], abs=0.02)
+    gap, speed = _leader(observation["objects"], observation["route"], 1.2, 2.25)
+    assert (gap, speed) == (pytest.approx(20.0 - 0.5 * (ahead.s_high - ahead.s_low) - 2.25, abs=0.02), 5.0)
+
+
+def test_a_sidestep_lies_where_it_was_led_wherever_the_ego_is() -> None:
+    aside = Sidestep()
+    aside.lead(3.0, progress=20.0, ramp=12.0)
+    for progress in (24.0, 24.3, 24.49, 24.51, 24.8):
+        route = np.zeros((80, 7), dtype=np.float32)
+        route[:, 0] = round(progress) - progress + np.arange(80)
+        moved = aside.applied(route, progress)
+        assert np.interp(4.0, progress + moved[:, 0] - 24.0, moved[:, 1]) == pytest.approx(aside.at(28.0), abs=0.01)
+
+
+@pytest.mark.parametrize(("metres", "blocks"), [(1.9, True), (2.1, False)])
+def test_what_reaches_into_a_junction_blocks_no_lane(metres: float, blocks: bool) -> None:
+    scene = straight_road().with_ego(x=100.0).with_actor(120.0, kind=ActorKind.STATIC, length=4.0, width=1.8)
+    junctions = np.full((4, 4), 1000.0, dtype=np.float32)
+    junctions[0] = 22.0 - metres - 2.25, 40.0, -1.0, 0.0  # from the front; the obstacle ends at 22 m from the centre
+    around = Surroundings(observed(made("Autopilot"), scene.world()))
+    blocker, _ = find_blocker(around, junctions, Patience(), 1.2, 2.25, 2.25)
+    assert (blocker is not None) == blocks
 
 
 def test_a_sidestep_leads_out_and_back_without_a_jump() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dohyo.agents.experts.impact import SAFE_ACCELERATION, Impact, impact_speed
+from dohyo.agents.planning.turning import Turning
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.sensors import objects
 from dohyo.sumo_networks.world import ActorKind
@@ -80,6 +81,22 @@ def test_a_standing_ego_starts_into_nobody_s_way(row: tuple[float, ...], stays: 
     rule = Impact(*HALF)
     assert rule.acceleration(seen(row), straight(), 0.0, 2.0) == (-8.0 if stays else SAFE_ACCELERATION)
     assert rule.acceleration(seen(row), straight(), 0.0, 0.0) == SAFE_ACCELERATION, "it does not want to start"
+
+
+@pytest.mark.parametrize(("radius", "speed"), [(math.inf, 8.0), (8.0, 4.3), (8.0, 5.0), (-12.0, 6.0)])
+def test_who_drives_straight_on_beside_a_turning_ego_turns_not(radius: float, speed: float) -> None:
+    # The route is an arc, which the ego follows; another drives straight on. Seen from the ego, it turns.
+    bend = 1.0 / radius
+    turning, rule = Turning(), Impact(*HALF)
+    for tick in range(60):
+        s = 10.0 + speed * 0.1 * tick
+        route = straight()
+        ahead = round(s) + np.arange(80) - s
+        route[:, 0], route[:, 2], route[:, 3] = ahead, bend * ahead, bend
+        turned = turning.update(route, speed)
+        assert turned == pytest.approx(speed * 0.1 * bend if tick else 0.0, abs=1e-4)
+        boxes = rule._moving(seen((12.0, 6.0, 0.3 - bend * s, 8.0)), turned)
+        assert boxes[0, 4] == pytest.approx(0.0, abs=2e-3)
 
 
 def test_it_stands_when_somebody_drives_into_its_path_from_the_side() -> None:

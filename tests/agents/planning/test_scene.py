@@ -7,6 +7,8 @@ import pytest
 
 from dohyo.agents.planning.prediction import constant_velocity
 from dohyo.agents.planning.scene import HISTORY, SENSORS, Scene, SceneBuilder
+from dohyo.agents.planning.warm_up import empty_road
+from dohyo.sumo_networks.rules.right_of_way import RightOfWay
 from dohyo.sumo_networks.sensors import make_sensors
 from dohyo.sumo_networks.world import LightState, World
 from tests.worlds import lit_crossing, stop_sign_crossing, straight_road
@@ -101,6 +103,18 @@ def test_a_stop_sign_opens_once_it_was_stood_at() -> None:
     assert not closed[-1]
     rolling = stop_sign_crossing().with_ego(x=line - 4.0, speed=1.0).worlds(0.5)
     assert all(bool(scene.stop_lines.closed[0]) for scene in scenes(rolling))
+
+
+def test_a_stop_sign_opens_though_a_junction_comes_first() -> None:
+    builder, closed = SceneBuilder(), []
+    for front, speed in [(2.0, 0.0), (2.0, 2.0), (1.0, 2.0)]:
+        observation = empty_road(SENSORS)
+        observation["ego_state"][3] = speed
+        observation["junctions_ahead"][:2] = [
+            (front - 0.5, front - 0.2, -1.0, 0.0), (front, front + 12.0, -1.0, RightOfWay.STOP)
+        ]  # fmt: skip
+        closed.append(bool(builder.update(observation).stop_lines.closed[1]))
+    assert closed == [False, False, False], "it has stood 2 m before the line"
 
 
 def test_constant_velocity_goes_straight_on() -> None:

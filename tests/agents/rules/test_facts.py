@@ -216,6 +216,17 @@ def test_who_drives_in_the_lane_beside_is_said() -> None:
     assert high == pytest.approx(-55, abs=6)
 
 
+def test_a_queue_that_was_passed_hides_nobody_who_comes() -> None:
+    scene = ego(0.0).with_actor(112.0, kind=ActorKind.STATIC)
+    for car in range(6):
+        scene = scene.with_actor(90.0 - 8.0 * car, 4.0, left=6.4, heading=WEST)
+    scene = scene.with_actor(160.0, 9.0, left=6.4, heading=WEST)
+    around = Surroundings(seen(scene.world()))
+    ways = [one.arguments for one in FactsBuilder()._in_lane(around, "left", 6.4)]
+    assert [low for _, _, low, _, _ in ways if low > 0] == [pytest.approx(555, abs=6)]
+    assert [row[4] for row in ways] == [-90, -40, -40, -40], "and the nearest of those that were passed"
+
+
 def test_a_full_table_of_objects_ends_the_sight() -> None:
     scene = ego()
     for i in range(48):

@@ -82,6 +82,18 @@ def test_it_stops_before_a_red_light():
     assert 26.0 < poses[80, 0] + 2.0 < 30.0  # its front
 
 
+def test_who_is_inside_a_junction_in_two_parts_leaves_it_at_red():
+    way = [
+        straight(-20.0, 30.0, y=ASIDE, following=(1,)),
+        straight(30.0, 40.0, y=ASIDE, kind=JUNCTION, red=True, following=(2,)),
+        straight(40.0, 50.0, y=ASIDE, kind=JUNCTION, red=True, following=(3,)),
+        straight(50.0, 200.0, y=ASIDE),
+    ]
+    assert rolled(scene([Body(34.0, ASIDE, speed=4.0)], way))[0, 80, 0] > 70.0
+    before = rolled(scene([Body(0.0, ASIDE, speed=8.0)], way))[0, 80, 0]
+    assert 26.0 < before + 2.0 < 30.0, "who is not yet inside stops at the line"
+
+
 def test_who_stands_at_red_stays_and_drives_off_at_green():
     body = Body(27.0, ASIDE)
     assert rolled(scene([body], at_a_light(red=True)))[0, 80, 0] == pytest.approx(27.0, abs=0.2)
