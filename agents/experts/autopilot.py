@@ -50,6 +50,8 @@ NEAR_ENTRY_M = 15.0
 HARD_BRAKING = 3.8
 EAGER = 1.5
 CREEPING_M_S = 2.0
+MERGES = 0.8
+"""Share of what is asked of the gap for a follower's speed that an ego in a hurry does without."""
 LIMIT_M = 30
 
 
@@ -315,8 +317,9 @@ class Autopilot(Agent):
         # After a long wait a smaller gap between vehicles will do.
         before, after = (1.2, 0.6) if on_foot else (1.5 - self._hurry, 1.0 - 0.5 * self._hurry)
         if leave >= 1000.0:
-            # Followers must not have to brake hard.
-            before, clear = 2.0 + max(other_speed - speed - 2.0, 0.0) / 2.0, arrive + 0.5
+            # Followers must not have to brake hard; after a long wait they may have to brake at all.
+            slower = max(other_speed - speed - 2.0, 0.0) * (1.0 - MERGES * self._hurry)
+            before, clear = 2.0 + slower / 2.0, arrive + 0.5
         return other_arrive < clear + before and arrive < other_clear + after
 
     def _window(self, speed: float, enter: float, leave: float) -> tuple[float, float]:

@@ -147,13 +147,27 @@ class Passing:
             self._end = progress + self._past(blocker)
             self._blocker = blocker
         not_yet_out = abs(aside.at(progress)) < NOT_YET_OUT_M < abs(aside.offset)
-        if self._way.oncoming and not_yet_out and self.threats(around, speed, progress):
+        if not_yet_out and self._hindered(around, speed, progress):
             aside.back(progress, LEAST_RAMP_M)
             self.active = False
         elif progress >= self._end and self.may_return(around, speed):
             aside.back(progress, self._way_back(self._way, speed))
             self.active = False
             self._forget_wait()
+
+    def _hindered(self, around: Surroundings, speed: float, progress: float) -> bool:
+        """Whether somebody now comes on the way round who did not when the ego set out, such as after a lane change."""
+        if self._way.oncoming:
+            return bool(self.threats(around, speed, progress))
+        hurry, ahead = self._impatience, self._half_length + 1.0
+        followers = (one for one in around.driving() if one.along > 0.0 and one.s_low <= ahead)
+        others = (one for one in followers if not one.within(-self._half_width, self._half_width))
+        return any(self.in_the_way(one, self._way.offset, speed, hurry) for one in others)
+
+    @property
+    def _impatience(self) -> float:
+        """From 0 to 1 with the waiting time; requirements fall with it."""
+        return min(self._waited / HURRY_S, 1.0)
 
     def threats(self, around: Surroundings, speed: float, progress: float) -> set[int]:
         """Keys of oncoming vehicles that the ego would meet if it continued to pass."""
@@ -232,7 +246,7 @@ class Passing:
             speed: Of the ego, m/s.
             enter: Where the ego begins to be in the way of oncoming traffic, m from its centre.
         """
-        hurry = min(self._waited / HURRY_S, 1.0)
+        hurry = self._impatience
         stretch = self._stretch(way, enter, blocker.last + EARLY_M, speed)
         margin = LEAST_MARGIN_M + (1.0 - hurry) * MARGIN_M
         for one in around.driving():

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from dohyo.agents.planning.path_behind import FURTHER_M, continued
 from dohyo.evaluation.agent import Observation
 from dohyo.sumo_networks.arrays import Float32Array, FloatArray
 from dohyo.sumo_networks.sensors import objects
@@ -20,6 +21,7 @@ from dohyo.sumo_networks.world import ActorKind
 ALIGNED = math.cos(math.radians(30.0))
 COVERED_M = 8.0
 STANDS = 0.3
+_ZERO = BEHIND + FURTHER_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +94,13 @@ class Surroundings:
     """
 
     def __init__(self, observation: Observation) -> None:
-        self._path, self._lanes = observation["path"].astype(np.float64), observation["lanes"]
+        self._lanes, path = observation["lanes"], observation["path"].astype(np.float64)
+        self._path = continued(path, self._lanes)
         # The path's places count from its whole metre nearest to the ego.
-        _, self._ego_s, _ = project(0.0, 0.0, self._path)
-        rows = boxes_on_path(observation["objects"], self._path)
+        _, self._ego_s, _ = project(0.0, 0.0, self._path, _ZERO)
+        rows = boxes_on_path(observation["objects"], self._path, _ZERO)
         rows[:, :2] -= self._ego_s
-        self.lane_width = float(self._path[BEHIND, 5])
+        self.lane_width = float(path[BEHIND, 5])
         self.neighbours = tuple(
             Neighbour(int(seen[0]), int(seen[7]), row[0], row[1], row[2], row[3], float(seen[4]), row[4], row[5])
             for seen, row in zip(observation["objects"], rows.tolist(), strict=True)
@@ -112,7 +115,7 @@ class Surroundings:
         """Lanes next to the route's that run beside it over a whole stretch [m from the ego's centre]."""
         rows = self._lanes[(self._lanes[:, 0] >= 0) & (self._lanes[:, 2] == ROAD)]
         points = rows[:, ATTRIBUTES:].reshape(len(rows), POINTS, 2).astype(np.float64)
-        found = _points_on_path(points, self._path)
+        found = _points_on_path(points, self._path, _ZERO)
         found[:, 0] -= self._ego_s
         widths = np.repeat(rows[:, 3], points.shape[1])
         out = []
@@ -145,22 +148,22 @@ def ran_into_from_behind(x: float, y: float, heading: float, length: float, half
 
 
 @njit(cache=True)
-def project(x: float, y: float, path: FloatArray) -> tuple[int, float, float]:
-    """Row of the path nearest to a point, metres along it from row `BEHIND`, and to the left of it."""
+def project(x: float, y: float, path: FloatArray, zero: int = BEHIND) -> tuple[int, float, float]:
+    """Row of the path nearest to a point, metres along it from row `zero`, and to the left of it."""
     i, least = 0, math.inf
     for j in range(path.shape[0]):
         d = (path[j, 0] - x) ** 2 + (path[j, 1] - y) ** 2
         # Before the start the first point repeats: its last copy is the true one.
-        if d < least or (d == least and j <= BEHIND):
+        if d < least or (d == least and j <= zero):
             i, least = j, d
     dx, dy = x - path[i, 0], y - path[i, 1]
     cos, sin = math.cos(path[i, 2]), math.sin(path[i, 2])
-    return i, i - BEHIND + dx * cos + dy * sin, dy * cos - dx * sin
+    return i, i - zero + dx * cos + dy * sin, dy * cos - dx * sin
 
 
 @njit(cache=True)
-def boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
-    """(48, 6) lowest and highest s from row `BEHIND` and d [m] of each box, cosine and sine of its heading."""
+def boxes_on_path(objects: Float32Array, path: FloatArray, zero: int = BEHIND) -> FloatArray:
+    """(48, 6) lowest and highest s from row `zero` and d [m] of each box, cosine and sine of its heading."""
     out = np.zeros((objects.shape[0], 6))
     for k in range(objects.shape[0]):
         if objects[k, 0] < 0:
@@ -172,22 +175,22 @@ def boxes_on_path(objects: Float32Array, path: FloatArray) -> FloatArray:
         for a in (-0.5, 0.0, 0.5):
             for b in (-0.5, 0.5):
                 px, py = x + a * length * cos - b * width * sin, y + a * length * sin + b * width * cos
-                _, s, d = project(px, py, path)
+                _, s, d = project(px, py, path, zero)
                 out[k, 0], out[k, 1] = min(out[k, 0], s), max(out[k, 1], s)
                 out[k, 2], out[k, 3] = min(out[k, 2], d), max(out[k, 3], d)
-        i, _, _ = project(x, y, path)
+        i, _, _ = project(x, y, path, zero)
         out[k, 4], out[k, 5] = math.cos(heading - path[i, 2]), math.sin(heading - path[i, 2])
     return out
 
 
 @njit(cache=True)
-def _points_on_path(lines: FloatArray, path: FloatArray) -> FloatArray:
+def _points_on_path(lines: FloatArray, path: FloatArray, zero: int) -> FloatArray:
     """(N * P, 3) s, d [m] of each point of N polylines, and the cosine of the polyline's heading to the path's."""
     count = lines.shape[1]
     out = np.empty((lines.shape[0] * count, 3))
     for k in range(lines.shape[0]):
         for p in range(count):
-            i, s, d = project(lines[k, p, 0], lines[k, p, 1], path)
+            i, s, d = project(lines[k, p, 0], lines[k, p, 1], path, zero)
             a = min(p, count - 2)
             heading = math.atan2(lines[k, a + 1, 1] - lines[k, a, 1], lines[k, a + 1, 0] - lines[k, a, 0])
             out[k * count + p] = s, d, math.cos(heading - path[i, 2])

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dohyo.agents.experts.autopilot import Autopilot
+from dohyo.agents.planning.warm_up import empty_road
 from dohyo.evaluation.agent import make_agent
 from dohyo.evaluation.settings import SettingsError
 from dohyo.sumo_networks.scenario import Mission, Obstacle, Place, Traffic
@@ -157,6 +159,23 @@ def test_it_gives_way_to_a_car_on_the_main_road() -> None:
     alone = drive(made("Autopilot"), scene, 30.0)
     assert next(w.time for w, x in zip(alone, fronts(alone), strict=True) if x > 2.6) < last_passes
     assert fronts(worlds)[-1] > 10.0
+
+
+def test_after_a_long_wait_it_merges_before_a_follower_who_has_to_brake_a_little() -> None:
+    # It stands where its path joins a stream without end, in which somebody comes at 13 m/s.
+    agent, observation = made("Autopilot"), empty_road(Autopilot.spec.sensors)
+    observation["conflicts"][:] = -1.0
+
+    def asked(metres: float) -> float:
+        """Acceleration for one who is so far from where the paths join."""
+        observation["conflicts"][0] = 1.5, 1000.0, metres, metres + 60.0, 13.0, 0.0, float(ActorKind.CAR), 7.0
+        agent.act(observation)
+        return float((agent.explain() or {})["acceleration"]["conflict"])
+
+    waited = [asked(65.0) for _ in range(450)]
+    assert max(waited[:100]) < 0.1
+    assert math.inf in waited
+    assert asked(25.0) < 0.1, "but never before one who is near"
 
 
 def walking(y: float, speed: float, heading: float, at: float = -8.4) -> Scene:

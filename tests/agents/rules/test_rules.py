@@ -128,6 +128,10 @@ CROSSING = [
     # Somebody 5 m/s faster comes from behind where the ego joins: 2 s and (5 - 2) / 2 s more.
     Case("margin(7,35,10)", crosses(MUST + "merges(7).", pace=130), crosses(MUST, pace=130)),
     Case("margin(7,20,10)", crosses(MUST + "merges(7).", pace=90), crosses(MUST + "merges(7).", pace=130)),
+    # After a long wait he may have to brake.
+    Case(
+        "margin(7,23,7)", crosses(MUST + "merges(7). refused(720).", pace=130), crosses(MUST + "merges(7).", pace=130)
+    ),
     Case("same_time(7)", crosses(MUST, there=44), crosses(MUST, there=45, left=60)),
     Case("same_time(7)", crosses(MUST, there=0, left=9), crosses(MUST, there=0, left=8)),
     Case("too_late(7)", crosses(n=47), crosses(n=48)),

@@ -83,7 +83,7 @@ def test_it_stops_for_what_appears_ahead_and_goes_on_when_it_is_gone(agent: Rule
 
 def test_it_brakes_for_a_leader_who_brakes_hard(agent: RulesOnly) -> None:
     scene = ego(12.0).with_actor(122.0, lambda t: max(12.0 - 7.0 * max(t - 2.0, 0.0), 0.0))
-    worlds = drive(agent, scene, 8.0)
+    worlds = drive(agent, scene, 9.0)
     assert not touched(worlds)
     assert speeds(worlds)[-1] < 0.1
 
