@@ -141,6 +141,17 @@ def test_a_car_that_stands_behind_another_one_may_be_a_queue() -> None:
     assert fronts(worlds)[-1] < 157.0
 
 
+def test_it_breaks_off_for_who_changes_into_the_lane_beside() -> None:
+    def changes(time: float) -> float:
+        return -3.2 if 0.5 <= time < 1.5 else 0.0
+
+    alone = straight_road().with_ego(x=130.0).with_actor(141.0, kind=ActorKind.STATIC, length=4.6, width=1.8)
+    worlds = drive(made("Autopilot"), alone.with_actor(102.0, 12.0, left=6.4, drift=changes), 14.0)
+    assert touched(worlds) == set()
+    assert fronts(worlds)[-1] > 150.0, "it passes behind him"
+    assert speeds(drive(made("Autopilot"), alone, 1.5))[-1] > 1.0, "alone it would be on its way by then"
+
+
 def narrow_road(*gaps: float) -> Scene:
     """Both lanes to the east are blocked but for the left one, in which cars come at 12 m/s with these gaps [m]."""
     scene = straight_road().with_ego(x=140.0).with_actor(160.0, kind=ActorKind.STATIC, length=4.6, width=1.8)
