@@ -190,8 +190,9 @@ class Autopilot(Agent):
         if self._passing.active or self._yielding.active:
             self._right = 0.0
             return
-        # Inside a junction, turning vehicles look like oncoming traffic in this lane.
-        wanted, ramp = 0.0 if junctions[0, 0] < 5.0 else keep_right(around, self._half_width, speed), KEEP_RIGHT_RAMP_M
+        wanted, ramp = keep_right(around, self._half_width, speed), KEEP_RIGHT_RAMP_M
+        if junctions[0, 0] < 5.0:  # where turning vehicles look like oncoming traffic in this lane
+            wanted = min(wanted, self._right)
         if self._standing > self.style.patience or (self._right > 0.0 and speed < CREEPING_M_S):
             wanted, ramp = max(wanted, squeeze_past(around, self._half_length, self._half_width)), SQUEEZE_RAMP_M
         if wanted > self._right + 0.05 or (wanted == 0.0 and self._right > 0.0):

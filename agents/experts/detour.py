@@ -93,7 +93,9 @@ class Detour:
             if not self._passing.active and self._aside.offset != 0.0 and 0.0 < junctions[0, 0] < 1000.0:
                 self._stops_at = float(junctions[0, 0])  # no junction is entered from the wrong lane
             return
-        wanted = 0.0 if junctions[0, 0] < JUNCTION_M else keep_right(around, self._half_width, speed)
+        wanted = keep_right(around, self._half_width, speed)
+        if junctions[0, 0] < JUNCTION_M:
+            wanted = min(wanted, self._right)
         if wanted > self._right + RIGHT_STEP_M or (wanted == 0.0 and self._right > 0.0):
             self._right = wanted
             self._aside.lead(-wanted, self._progress, KEEP_RIGHT_RAMP_M)

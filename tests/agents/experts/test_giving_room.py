@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ from dohyo.sumo_networks.scenario import Mission, Place, Scenario
 from dohyo.sumo_networks.world import ActorKind, World
 from tests.agents.driving import drive, fronts, made, observed, speeds, touched
 from tests.sumo_networks.simulation.drives import on
-from tests.worlds import Scene, straight_road
+from tests.worlds import Scene, lit_crossing, straight_road
 
 WEST = math.pi
 
@@ -230,6 +231,16 @@ def test_it_keeps_right_of_who_comes_over_the_middle() -> None:
     assert touched(worlds) == set()
     assert -0.75 < lefts(worlds).min() < -0.2
     assert abs(lefts(worlds)[-1]) < 0.15
+
+
+def test_it_keeps_right_through_a_junction_while_they_come() -> None:
+    mission = Mission(start=Place(lane="w_c_1"), goal=Place(lane="c_e_1", position_m=-1.0))
+    scene = dataclasses.replace(lit_crossing(), mission=mission).with_ego(x=-70.0, speed=10.0)
+    for x in range(-40, 120, 25):
+        scene = scene.with_actor(float(x), 8.0, left=1.6, heading=WEST)
+    worlds = drive(made("Autopilot"), scene, 14.0)
+    assert touched(worlds) == set()
+    assert fronts(worlds)[-1] > 20.0, "it has crossed the junction"
 
 
 def test_it_lets_an_emergency_vehicle_pass() -> None:
