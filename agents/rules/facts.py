@@ -186,8 +186,9 @@ class FactsBuilder:
             if one.s_high < self._half_length or gap > SIGHT_M:
                 continue
             offset = aside.at(progress + max(one.s_low, 0.0))
-            # Beside it already: the ego's front can only hit an actor that overlaps its own width.
-            if one.within(offset - reach, offset + reach) and gap > -1.0:
+            # Who stands beside it already is for the steering; for who still moves there a standing ego waits.
+            waits = speed < STANDS_M_S <= one.speed
+            if one.within(offset - reach, offset + reach) and (gap > -1.0 or waits):
                 found.append((one, max(gap, 0.0), one.speed * one.along))
         return sorted(found, key=lambda row: row[1])[:NEAREST_AHEAD]
 

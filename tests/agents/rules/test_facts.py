@@ -115,6 +115,14 @@ def test_on_its_way_aside_the_ego_looks_where_it_goes() -> None:
     assert said(scene, "aside", offset=3.2) == ["aside(left)"]
 
 
+@pytest.mark.parametrize(("own", "other", "said_of"), [(0.0, 3.0, 1), (0.0, 0.0, 0), (3.0, 3.0, 0)])
+def test_a_standing_ego_waits_for_who_sweeps_across_its_front(own: float, other: float, said_of: int) -> None:
+    scene = ego(own).with_actor(102.5, other, left=1.2, heading=-2.5)
+    ahead = numbers(scene, "ahead")
+    assert len(ahead) == said_of
+    assert all(gap == 0 for _, _, gap, _ in ahead)
+
+
 def test_who_stands_is_said_for_how_long_and_where_it_ends() -> None:
     scene = ego(0.0).with_actor(110.0, 0.0)
     ((_, stood),) = numbers(scene, "stood", 3.0)
