@@ -99,6 +99,9 @@ class Mbappe(Agent):
             self._detour.reset()
         self._forget(seed)
 
+    def close(self) -> None:
+        """Nothing to free."""
+
     def _forget(self, seed: int) -> None:
         order = np.random.default_rng(seed).permutation(PAIRS)
         self._order: IntArray = np.ascontiguousarray(order, dtype=np.int64)
