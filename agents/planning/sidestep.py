@@ -42,12 +42,18 @@ class Sidestep:
         """Whether the ego is, or is going, off the middle of its lane."""
         return self.offset != 0.0 or abs(self.at(progress)) > 0.05
 
-    def applied(self, route: Float32Array, progress: float) -> Float32Array:
-        """`route` observation, whose first point is the whole metre nearest to the ego, moved aside."""
+    def applied(self, route: Float32Array, progress: float, behind: int = 0) -> Float32Array:
+        """`route` or `path` observation with its points and headings moved aside.
+
+        Args:
+            route: Of which row `behind` is the whole metre nearest to the ego.
+            progress: Of the ego, m.
+            behind: Number of rows behind the ego.
+        """
         if not self.aside(progress):
             return route
-        x, y, heading = (float(value) for value in route[0, :3])
-        first = progress + x * math.cos(heading) + y * math.sin(heading)
+        x, y, heading = (float(value) for value in route[behind, :3])
+        first = progress + x * math.cos(heading) + y * math.sin(heading) - behind
         offsets = np.array([self.at(first + ahead) for ahead in range(len(route))])
         out = route.copy()
         out[:, 0] -= offsets * np.sin(route[:, 2])

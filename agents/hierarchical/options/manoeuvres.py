@@ -83,7 +83,7 @@ class Course:
         if not self._aside.aside(progress):
             return observation
         route = self._aside.applied(observation["route"], progress)
-        path = self._aside.applied(observation["path"], progress - BEHIND)
+        path = self._aside.applied(observation["path"], progress, BEHIND)
         return {**observation, "route": route, "path": path}
 
     def beside(self, manoeuvre: Manoeuvre) -> float | None:
