@@ -58,6 +58,10 @@ class Patience:
         """Whether an actor was never seen driving."""
         return one.key not in self._driven
 
+    def obstructs(self, one: Neighbour) -> bool:
+        """Whether an actor is no traffic: a thing, or a vehicle that was never seen driving and stands askew."""
+        return one.kind == ActorKind.STATIC or (self.parked(one) and abs(one.along) < ASKEW)
+
     def stands_for_good(self, one: Neighbour, alone: bool) -> bool:
         """Whether an actor has stood too long to wait for it. One that stands askew has crashed.
 
@@ -65,7 +69,7 @@ class Patience:
             one: The standing actor.
             alone: Whether the road ahead of it is open, so that it is not in a queue.
         """
-        if one.kind == ActorKind.STATIC or (self.parked(one) and abs(one.along) < ASKEW):
+        if self.obstructs(one):
             return True
         least = (ALONE_S if alone else PARKED_S) if self.parked(one) else BROKEN_DOWN_S
         return self._stood.get(one.key, 0.0) >= least
@@ -102,7 +106,8 @@ def find_blocker(
         0.0 if any(one.stands for one in chain) else max(one.speed for one in chain),
     )
     static = any(one.kind == ActorKind.STATIC for one in chain)
-    if (last - chain[0].s_low > CHAIN_M and not static) or _at_a_junction(last - front, junctions, static):
+    no_queue = static or patience.obstructs(chain[-1])
+    if (last - chain[0].s_low > CHAIN_M and not no_queue) or _at_a_junction(last - front, junctions, no_queue):
         return None, False
     alone = _open_road(ahead, junctions, chain, last, last - front)
     return blocker, static or blocker.speed > 0.0 or patience.stands_for_good(chain[-1], alone)
@@ -116,12 +121,12 @@ def _open_road(
     return not queued and not any(entry < end + OPEN_M and leave - entry > 1.0 for entry, leave, _, _ in junctions)
 
 
-def _at_a_junction(end: float, junctions: Float32Array, static: bool) -> bool:
+def _at_a_junction(end: float, junctions: Float32Array, no_queue: bool) -> bool:
     """Whether a junction lies before a blocker's end [m from the front], or so close ahead of it that it may queue."""
     for entry, leave, _, _ in junctions:
         # A junction of two roads only is a continuation, no junction.
         if entry >= 1000.0 or leave - entry <= 1.0:
             continue
-        if leave > 0.0 and entry < end + (0.0 if static else QUEUE_M) - OVERHANG_M:
+        if leave > 0.0 and entry < end + (0.0 if no_queue else QUEUE_M) - OVERHANG_M:
             return True
     return False

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from dohyo.sumo_networks.actors.scripted_actor import VEHICLES, ScriptedActor
-from dohyo.sumo_networks.events.behavior import EventBehavior, EventContext, EventSite, PlacementError
+from dohyo.sumo_networks.actors.scripted_actor import HARDEST_MPS2, VEHICLES, ScriptedActor
+from dohyo.sumo_networks.events.behavior import IN_LANE_M, EventBehavior, EventContext, EventSite, PlacementError
 from dohyo.sumo_networks.events.event import BaseEvent, Gaps, Metres, Seconds, Size, VehicleType
 from dohyo.sumo_networks.events.roads import need_clear_road, need_kerb, next_passage, section
 from dohyo.sumo_networks.events.vehicle_source import VehicleSource, side_flow
@@ -21,6 +21,8 @@ NEAR_M = 25.0
 BEND_RAD = math.radians(30.0)
 BEND_M = 30.0
 DOOR_M = 1.0
+SEEN_M, COMES_S = 60.0, 1.0
+"""How far from a door others are looked at, m, and how long before one comes it stays closed, s."""
 PASSING_M = 0.6
 """Distance of an open door from the middle of the ego's lane, m: less than half an ego's width."""
 
@@ -172,13 +174,25 @@ class OpeningDoorBehavior(BlockageBehavior):
         self._door.present = False
 
     def act(self, context: EventContext) -> bool:
-        """Opens the door when the ego is near."""
+        """Opens the door when the ego is near, and nobody else is beside it; else as soon as he is, or not at all."""
         if not self._door.present:
             event, near = self.event, context.distance_to(self.place)
-            self._door.present = (
-                near <= event.minimum_distance_m or context.time_to(self.place) <= event.reaction_time_s
-            )
+            comes = near <= event.minimum_distance_m or context.time_to(self.place) <= event.reaction_time_s
+            can_stop = near > context.speed**2 / (2 * HARDEST_MPS2)
+            self._door.present = comes and can_stop and not self._others_beside(context)
         return super().act(context)
+
+    def _others_beside(self, context: EventContext) -> bool:
+        """Whether a door would open into somebody else, in SUMO a standstill without end."""
+        boxes, speeds, names = context.around
+        own = {actor.name for actor in self.actors}
+        ego = int(np.count_nonzero(context.egos.active[: context.ego]))
+        others = [row for row, name in enumerate(names) if row != ego and name not in own]
+        door, half = self._door.s, 0.5 * boxes[others, 3]
+        along, left = self.path.project(boxes[others, :2], door - SEEN_M, door + SEEN_M)
+        comes = (along < door) & (door - along < half + speeds[others] * COMES_S)
+        leaves = (along >= door) & (along - door < half + DOOR_M)
+        return bool(((comes | leaves) & (np.abs(left) < IN_LANE_M)).any())
 
 
 class VehicleOpensDoor(BlockageEvent):

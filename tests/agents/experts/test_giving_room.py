@@ -89,6 +89,16 @@ def test_what_reaches_into_a_junction_blocks_no_lane(metres: float, blocks: bool
     assert (blocker is not None) == blocks
 
 
+@pytest.mark.parametrize(("heading", "blocks"), [(0.3, True), (0.0, False)])
+def test_a_crash_before_a_junction_is_no_queue(heading: float, blocks: bool) -> None:
+    scene = straight_road().with_ego(x=100.0).with_actor(120.0, heading=heading)
+    junctions = np.full((4, 4), 1000.0, dtype=np.float32)
+    junctions[0] = 40.0, 60.0, -1.0, 0.0
+    around = Surroundings(observed(made("Autopilot"), scene.world()))
+    blocker, decided = find_blocker(around, junctions, Patience(), 1.2, 2.25, 2.25)
+    assert ((blocker is not None), decided) == (blocks, blocks)
+
+
 def test_a_sidestep_leads_out_and_back_without_a_jump() -> None:
     aside = Sidestep()
     aside.lead(3.0, progress=10.0, ramp=12.0)

@@ -193,6 +193,22 @@ def test_the_door_opens_only_before_the_ego(make_env: MakeEnv) -> None:
     assert touched(worlds) == ["event:it-1"]
 
 
+def test_no_door_opens_into_somebody_else(make_env: MakeEnv) -> None:
+    # Another one drives 15 m before the ego, and is beside the door when the ego is 2 s away.
+    story = STORIES["vehicle_opens_door"]
+    alone = story.scenario()
+    (own,) = alone.missions
+    ahead = own.model_copy(update={"name": "ahead", "start": own.start.model_copy(update={"position_m": 20.0})})
+    scenario = alone.model_copy(update={"missions": (own, ahead)})
+    worlds = drive(make_env(scenario, control="lane_command", reward=None), lambda _: story.speed, 40, over)
+    door = next(w for w in worlds if any(w.actors.kind[row] == ActorKind.STATIC for row in rows_of(w)))
+    place = on_route(door, "event:it-1")
+    assert place is not None
+    assert door.egos.progress[1] + 15.0 - 2.25 > place[0] + 0.9, "the other one is past it"
+    assert 0.0 < place[0] - front_m(door) < 1.5 * story.speed, "the ego is not"
+    assert {contact.ego for world in worlds for contact in world.contacts} == {0}
+
+
 def test_the_parked_car_moves_in_at_its_reaction_time(make_env: MakeEnv) -> None:
     story = STORIES["parking_cut_in"]
     worlds = drive(make_env(story.scenario(), control="lane_command", reward=None), lambda _: story.speed, 40, over)
