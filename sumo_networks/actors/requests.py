@@ -100,6 +100,7 @@ class ShowActor:
         across: Whether the actor moves across the road; its proxy is then turned along the lane. None: as its heading
             says.
         edges: Any route of the network, since SUMO requires one for every vehicle.
+        askew: Whether the actor stands at an angle to the road; its proxy stands along it, with the same extent.
     """
 
     name: str
@@ -111,11 +112,12 @@ class ShowActor:
     width: float
     across: bool | None
     edges: tuple[str, ...]
+    askew: bool = False
 
     @classmethod
     def of(cls, actor: ScriptedActor, edges: tuple[str, ...]) -> ShowActor:
         """Request for an actor at its current place."""
-        return cls(actor.name, actor.kind, *actor.box, actor.across, edges)
+        return cls(actor.name, actor.kind, *actor.box, actor.across, edges, askew=actor.skew != 0.0)
 
 
 @dataclass(frozen=True, slots=True)

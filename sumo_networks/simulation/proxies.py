@@ -77,8 +77,8 @@ class SumoProxies:
         network = self._network
         lane, offset, error = network.nearest_lane(actor.x, actor.y, actor.heading, self._anywhere)
         beside = lane < 0 or abs(offset) > 0.5 * (network.lanes.width.item(lane) + actor.width) - GRAZED_M
-        askew = actor.across is False and abs(error) > ALIGNED_RAD
-        if beside or askew or self._strayed(actor.name):
+        turned = actor.across is False and abs(error) > ALIGNED_RAD
+        if beside or turned or self._strayed(actor.name):
             self.hide(actor.name)
             return
         if actor.name not in self._routes:
@@ -87,9 +87,12 @@ class SumoProxies:
         length, width, heading = actor.length, actor.width, actor.heading
         if actor.across:
             length, width, heading = width, length, heading - error
-        elif actor.across is None and abs(error) > ALIGNED_RAD:
+        elif actor.askew or (actor.across is None and abs(error) > ALIGNED_RAD):
             cos, sin = abs(math.cos(error)), abs(math.sin(error))
             length, width, heading = length * cos + width * sin, length * sin + width * cos, heading - error
+        room = network.lanes.width.item(lane) - 2.0 * abs(offset)
+        if actor.askew and room < width < room + 2.0 * GRAZED_M:
+            width = room  # SUMO stops all traffic in the next lane for a centimetre
         vtype = "emergency" if actor.kind is ActorKind.EMERGENCY else "ego"
         front = ahead_of(actor.x, actor.y, heading, 0.5 * length)
         self._move(actor.name, vtype, (length, width), lane, front, heading)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 
+import libsumo
 import numpy as np
 import pytest
 
@@ -171,3 +172,16 @@ def test_actors_leave_another_egos_sight_as_always_when_their_own_ego_has_left(
     assert state(env.world).phase is phase
     assert sum(there) == pytest.approx(10 * stays_s, abs=2)
     assert there == sorted(there, reverse=True)
+
+
+def test_traffic_passes_a_crash_in_the_lane_beside(make_env: MakeEnv) -> None:
+    # The crashed cars stand askew, and reach to the edges of their lane.
+    way = Mission(start=Place(lane="avenue_3_far_west_2", position_m=5.0), goal=Place(lane="avenue_3_near_west_2"))
+    crash = EVENT.validate_python({"kind": "accident_two_ways", "name": "it", "at_m": 60.0})
+    env = make_env(Scenario(network="district", missions=(way,), events=(crash,)), control="lane_command", reward=None)
+    drive(env, lambda _: 8.0, 60, lambda world: float(world.egos.progress[0]) > 30.0)
+    assert rows_of(env.world)
+    libsumo.route.add("straight on", ["avenue_3_far_west", "avenue_3_near_west"])
+    libsumo.vehicle.add("beside", "straight on", "car", departLane="1", departPos="60", departSpeed="8")
+    drive(env, lambda _: 0.0, 25)
+    assert "beside" not in libsumo.vehicle.getIDList() or libsumo.vehicle.getDistance("beside") > 120.0
