@@ -66,10 +66,10 @@ class EgoFleet:
             poses: Poses after that time of the active egos whose vehicles are simulated elsewhere.
         """
         before, ended = self.centres, ~self.active
-        frozen = self._vehicles.states[ended]
+        frozen, still = self._vehicles.states[ended], self._vehicles.motion[ended, -1:]
         earlier = {ego: self._vehicles.states[ego].copy() for ego in poses}
         self._vehicles.advance(commands, seconds)
-        self._vehicles.states[ended] = frozen
+        self._vehicles.states[ended], self._vehicles.motion[ended] = frozen, still
         for ego, pose in poses.items():
             self._put(ego, pose, earlier[ego], seconds)
         self.centres = self._vehicles.centres()

@@ -150,7 +150,7 @@ class VectorDrivingEnv(VectorEnv[Observations, Any, NDArray[Any]]):
         ended = self._ended()
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and any(idle):
             mask = np.array(idle)
-            seen, active = self._begin_next(mask), active | np.repeat(mask, self.num_egos)
+            seen = self._begin_next(mask)
         elif self.autoreset_mode is AutoresetMode.SAME_STEP and any(ended):
             mask = np.array(ended)
             last = {"final_obs": _of_some(seen, mask), "final_info": {**self._infos(active), **result}}

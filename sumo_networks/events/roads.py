@@ -206,14 +206,15 @@ def crossing_after(network: RoadNetwork, route: Route, passage: Passage) -> floa
     default = passage.exit + 5.0
     if route.length < default + 5.0:
         raise PlacementError("the route ends at the junction")
-    ahead = slice(route.index(passage.exit - 8.0), route.index(passage.exit + 12.0) + 1)
+    first = max(passage.exit - 8.0, 0.0)
+    ahead = slice(route.index(first), route.index(passage.exit + 12.0) + 1)
     for crossing in np.flatnonzero(network.lanes.crossing):
         middle = network.lane_shape(int(crossing))
         if np.hypot(*(middle.mean(axis=0) - route.position[ahead.start])).item() > 40.0:
             continue
         met = meeting(ActorPath(route.position[ahead]), 0.0, 40.0, ActorPath(middle))
         if met is not None:
-            return passage.exit - 8.0 + met[0]
+            return first + met[0]
     return default
 
 

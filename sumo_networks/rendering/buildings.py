@@ -37,8 +37,8 @@ def buildings_near(network: RoadNetwork, x: float, y: float, radius: float) -> F
 def _block(network: RoadNetwork, column: int, row: int) -> FloatArray:
     """The buildings of one square of 256 m.
 
-    A candidate is kept if it overlaps no paved area and no kept candidate of higher priority; so the result does not
-    depend on the order in which squares are computed.
+    A candidate is kept if it overlaps no paved area and no other such candidate of higher priority; so the result
+    does not depend on the order in which squares are computed.
     """
     candidates, priority, cells = _candidates(network)
     x0, y0 = column * BLOCK_M, row * BLOCK_M

@@ -1,7 +1,7 @@
 """Conflicts: who will cross or join the ego's path, the meeting points, and the right of way.
 
 The predictions are those of an attentive driver: others follow their lane and turn as indicated, and pedestrians keep
-their direction, on a crossing to its other side. Egos have no indicators: another ego turns as its route does.
+their direction for 6 s, at most 9 m. Egos have no indicators: another ego turns as its route does.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class SumoProxies:
         self._network, self._vehicle = network, vehicle
         self._anywhere = np.zeros(len(network.lanes.ids), dtype=np.bool_)
         self._routes: set[str] = set()
-        self._shown: set[str] = set()
+        self._shown: dict[str, tuple[float, float]] = {}
         self._own_edges: dict[str, BoolArray] = {}
 
     def add_ego(self, name: str, route: Route) -> None:
@@ -110,19 +110,20 @@ class SumoProxies:
         segmentation fault when another vehicle drives there.
         """
         if name in self._shown:
-            self._shown.remove(name)
+            del self._shown[name]
             libsumo.vehicle.remove(name)
 
     def _move(self, name: str, vtype: str, size: tuple[float, float], lane: int, front: _Point, heading: float) -> None:
         place = self._network.edge_id(lane), self._network.lanes.index.item(lane)
         if name not in self._shown:
-            self._shown.add(name)
             self.names.add(name)
             libsumo.vehicle.add(name, name, vtype, departLane="free", departPos="base", departSpeed="0")
-            libsumo.vehicle.setLength(name, size[0])
-            libsumo.vehicle.setWidth(name, size[1])
             libsumo.vehicle.setSpeedMode(name, 0)
             libsumo.vehicle.setLaneChangeMode(name, 0)
+        if self._shown.get(name) != size:
+            self._shown[name] = size
+            libsumo.vehicle.setLength(name, size[0])
+            libsumo.vehicle.setWidth(name, size[1])
         libsumo.vehicle.moveToXY(name, *place, *front, angle_of(heading), _ANYWHERE, _NEAR_M)
 
     def _strayed(self, name: str) -> bool:

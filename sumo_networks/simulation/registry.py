@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import chain
 
@@ -48,8 +49,8 @@ class ActorRegistry:
         self._width: FloatArray = np.zeros(256)
         self._obstacles = np.array(
             [
-                (self._register_obstacle(i, obstacle), obstacle.x_m, obstacle.y_m, obstacle.heading_rad)
-                for i, obstacle in enumerate(obstacles)
+                (self._register_obstacle(i, one), one.x_m, one.y_m, math.remainder(one.heading_rad, math.tau))
+                for i, one in enumerate(obstacles)
             ]
         ).reshape(-1, 4)
 

@@ -156,7 +156,7 @@ class Simulation(RunsOnce):
                 self._proxies.hide(self._proxy_names[ego])
 
     def record(self, recorder: LogRecorder) -> None:
-        """Adds the last tick to a log: all actors near places that the egos can reach within the duration.
+        """Adds the last tick to a log: all actors near places that the egos can reach within the duration, if any.
 
         Raises:
             SimulationError: The simulation is closed.
@@ -164,8 +164,9 @@ class Simulation(RunsOnce):
         self._check_open()
         if self._survey is None:
             fastest = max(float(route.speed_limit.max()) for route in self.plan.routes)
-            ahead_m = FASTER * fastest * (self.plan.scenario.duration_s or 0.0)
-            self._survey = Survey(self.plan.network, reachable(self.plan.routes, ahead_m))
+            duration_s = self.plan.scenario.duration_s
+            near = None if duration_s is None else reachable(self.plan.routes, FASTER * fastest * duration_s)
+            self._survey = Survey(self.plan.network, near)
         names, actors = self._survey.read(self._proxies.names, self._scripted, self._registry.obstacles())
         recorder.append(names, actors, self.world.signals, self.plan.network)
 

@@ -77,7 +77,7 @@ class Survey:
 
     def _scripted_row(self, one: ScriptedActor) -> _Row:
         heading, speed = math.remainder(one.heading, 2 * math.pi), math.hypot(one.speed, one.drift)
-        place = lane_under(one, self.network, self._anywhere), int(np.sign(one.drift))
+        place = lane_under(one, self.network, self._anywhere), one.indicator or int(np.sign(one.drift))
         return one.name, int(one.kind), one.x, one.y, heading, speed, one.length, one.width, *place
 
 

@@ -8,18 +8,22 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from dohyo.sumo_networks.actors.paths import ActorPath
+from dohyo.sumo_networks.actors.requests import ClearArea
 from dohyo.sumo_networks.actors.scripted_actor import VEHICLES, ScriptedActor
 from dohyo.sumo_networks.events.behavior import EventBehavior, EventContext, EventSite, PlacementError
 from dohyo.sumo_networks.events.event import BaseEvent, Metres, Seconds, Speed, VehicleType
 from dohyo.sumo_networks.events.roads import need_clear_road, section
 
 CHANGE_S = 1.2
+ENTERS_M = 10.0
+"""Least distance of the ego at which a vehicle enters, m."""
 
 
 class OncomingBehavior(EventBehavior["OncomingEvent"]):
     """Oncoming vehicles leave their lane before they meet the ego, and return to it.
 
-    The vehicles' path is the ego's route backwards, so left of the path is the ego's right.
+    The vehicles' path is the ego's route backwards, so left of the path is the ego's right. They enter one after
+    the other where it begins; what lies beyond is another road.
     """
 
     def __init__(self, event: OncomingEvent, site: EventSite) -> None:
@@ -50,12 +54,23 @@ class OncomingBehavior(EventBehavior["OncomingEvent"]):
 
     def act(self, context: EventContext) -> bool:
         """Lets the vehicles approach, move over and move back; ends when all are past the ego."""
-        if self.actors[0].s == 0.0 and not self.actors[0].present:
-            super().prepare(context)
         for actor in self.actors:
-            self._steer(actor, context)
+            if actor.present:
+                self._steer(actor, context)
+            elif actor.s <= 0.0:
+                self._approach(actor, context)
         own = self._length - (context.front_m - context.egos.length.item(context.ego))
-        return all(not actor.present or actor.s - 0.5 * actor.length > own + 5.0 for actor in self.actors)
+        drives = (actor for actor in self.actors if actor.present or actor.s <= 0.0)
+        return all(actor.s - 0.5 * actor.length > own + 5.0 for actor in drives)
+
+    def _approach(self, actor: ScriptedActor, context: EventContext) -> None:
+        """Lets a vehicle enter once it is where its path begins, unless the ego is there already."""
+        if actor.s < 0.0:
+            actor.s = min(actor.s + self.event.speed_mps * context.tick_s, 0.0)
+            actor.pose()
+        if actor.s == 0.0 and context.front_m < self._length - ENTERS_M:
+            context.requests.append(ClearArea(actor.x, actor.y, 0.5 * actor.length + 3.0))
+            actor.present = True
 
     def _steer(self, actor: ScriptedActor, context: EventContext) -> None:
         event = self.event

@@ -240,6 +240,7 @@ def test_the_next_step_may_start_the_next_episode() -> None:
     begun, nothing, terminated, truncated, infos = following.step(go)
     np.testing.assert_equal(begun, fresh)
     assert (nothing[0], terminated[0], truncated[0], infos["episode_number"][0]) == (0.0, False, False, 1)
+    assert infos["active"].tolist() == [False], "nobody drove in this tick"
     same.close()
     following.close()
 

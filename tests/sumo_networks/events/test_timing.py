@@ -220,6 +220,20 @@ def test_the_parked_car_moves_in_at_its_reaction_time(make_env: MakeEnv) -> None
     assert moving.actors.indicator[rows_of(moving)[0]] == 1
 
 
+def test_oncoming_cars_enter_one_after_the_other_where_the_first_did(make_env: MakeEnv) -> None:
+    # Further away the road may be another one.
+    env = make_env(STORIES["invading_turn"].scenario(), control="lane_command", reward=None)
+    worlds = drive(env, lambda world: 9.0 if world.egos.progress[0] < 120.0 else 0.0, 60, over)
+    times, places = [], []
+    for number in range(3):
+        entered = next(world for world in worlds if rows_of(world, f"event:it-{number}"))
+        times.append(entered.time)
+        places.append(on_route(entered, f"event:it-{number}"))
+    assert np.diff(times) == pytest.approx([2.5, 2.5], abs=0.31)  # the first is out of sight at first
+    assert places[1] == pytest.approx(places[0], abs=2.5)
+    assert places[2] == pytest.approx(places[0], abs=2.5)
+
+
 def test_the_oncoming_car_goes_back_where_the_ego_brakes(make_env: MakeEnv) -> None:
     story = STORIES["oncoming_in_lane"]
     env = make_env(story.scenario(), control="lane_command", reward=None)

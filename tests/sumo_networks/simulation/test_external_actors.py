@@ -57,6 +57,17 @@ def test_traffic_does_not_drive_through_an_external_actor(
     assert not [name for name in libsumo.vehicle.getIDList() if name.startswith("external")]
 
 
+def test_the_place_of_an_external_actor_in_sumo_turns_with_it(start: Start) -> None:
+    simulation, _ = start(on(straight_road(), standing_at(100.0)))
+    length, width = SIZES[ActorKind.TRUCK]
+    for heading, along in ((math.pi / 2, width), (0.0, length), (math.pi / 2, width)):
+        simulation.external.put([box("one", 160.0, -4.8, ActorKind.TRUCK, heading)])
+        driven(simulation, BRAKE, 0.3)
+        (name,) = (one for one in libsumo.vehicle.getIDList() if one.startswith("external"))
+        assert libsumo.vehicle.getLength(name) == pytest.approx(along, abs=0.01)
+        assert libsumo.vehicle.getPosition(name)[0] == pytest.approx(160.0 + 0.5 * along, abs=0.05)
+
+
 def test_sensors_and_contacts_see_an_external_actor(make_env: MakeEnv) -> None:
     env: DrivingEnv = make_env(on(straight_road(), standing_at(100.0)), sensors=("objects",), control="pedals_steering")
     before = env.reset()[0]["ego"]["objects"]
